@@ -38,6 +38,8 @@ PARAMETERS = {  # of a liner, each to be differentiated
     "vena_contracta": 0.78,
     "impedance_offset": 0.03 - 0.02j,
 }
+EVERY = [{}, {"averaging": "velocity"}, {"phase": "self-consistent"}, {"drive": "rms"}, {"drive": "running-rms"}]
+EVERY += [{"mean": "removed"}, {"background": 1.0}]  # choices of moments
 RATE, FREQUENCY = 42000.0, 1400.0  # 30 samples a period, so that whole periods are whole samples
 
 

@@ -160,13 +160,7 @@ STRICT = {
 
 @dataclass
 class Case:
-    """A command with a file to mutate.
-
-    Args:
-        name: of the case.
-        path: of the file that is mutated; its clean bytes are kept.
-        run: the outcome of the file as it stands.
-    """
+    """A command with a file to mutate; ``run`` gives the outcome of the file as it stands."""
 
     name: str
     path: Path
@@ -182,12 +176,7 @@ class Case:
         assert self.answer is not None, f"{self.name}: {self.run().said}"
 
     def judge(self, mutation: str, *, may_change: bool) -> None:
-        """Run the mutated file and count what came of it.
-
-        Args:
-            mutation: what was done, to do it again by hand.
-            may_change: the data may be others now: a strict reading decides.
-        """
+        """Run the mutated file and count what came of it; where its data may be others now a strict reading decides."""
         found = self.run()
         fault = found.fault()
         if not fault and found.code > 1 and self.path.name not in found.said:
@@ -262,13 +251,14 @@ COLUMN: dict[str, Callable[[list[str], int, int], list[str]]] = {  # of each row
     "swap": lambda cells, at, other: [cells[{at: other, other: at}.get(i, i)] for i in range(len(cells))],
     "column": lambda cells, at, other: cells[:at] + cells[at + 1 :],
 }
-WHOLE: dict[str, Callable[[str, str, Any], str]] = {
-    "mark": lambda text, mark, draw: text.replace(mark, draw.choice(";\t|")),
-    "order": lambda text, mark, draw: "\n".join(
-        [*(lines := text.split("\n"))[:1], *draw.sample(lines[1:], len(lines) - 1)]
-    ),
-    "bom": lambda text, mark, draw: f"\ufeff{text}",
-    "crlf": lambda text, mark, draw: text.replace("\n", "\r\n"),
+WHOLE: dict[str, Callable[[list[str], int, str, Any], list[str]]] = {  # of all lines; the table begins at the number
+    "mark": lambda lines, at, mark, draw: [
+        *lines[:at],
+        *"\n".join(lines[at:]).replace(mark, draw.choice(";\t|")).split("\n"),
+    ],
+    "order": lambda lines, at, mark, draw: [*lines[: at + 1], *draw.sample(lines[at + 1 :], len(lines) - at - 1)],
+    "bom": lambda lines, at, mark, draw: [f"\ufeff{lines[0]}", *lines[1:]],
+    "crlf": lambda lines, at, mark, draw: [*(f"{line}\r" for line in lines[:-1]), lines[-1]],
 }
 
 
@@ -286,16 +276,8 @@ def table_cells(path: Path, draw: Any) -> str:
     for i in rows if kind in COLUMN else ():
         one = lines[i].split(mark)
         lines[i] = mark.join(COLUMN[kind](one, column, other) if max(column, other) < len(one) else one)
-    above, text = ("".join(f"{line}\n" for line in lines[:first]), "\n".join(lines[first:]))
-    path.write_bytes(
-        (
-            WHOLE[kind](above + text, mark, draw)
-            if kind in ("bom", "crlf")
-            else above + WHOLE[kind](text, mark, draw)
-            if kind in WHOLE
-            else above + text
-        ).encode()
-    )
+    lines = WHOLE[kind](lines, first, mark, draw) if kind in WHOLE else lines
+    path.write_bytes("\n".join(lines).encode())
     return f"{kind} row {at} column {column}"
 
 

@@ -30,30 +30,17 @@ LONE = [
 ]
 
 
-def dxex(
-    path,
-    rows=BURSTS,
-    names=PAIRED,
-    version="v5",
-    position="7;1.00 mm;-2.50 mm;0.50 mm",
-    comma=False,
-    encoding="latin-1",
-    end="\r\n",
-):
+PLACE = "7;1.00 mm;-2.50 mm;0.50 mm"
+
+
+def dxex(path, rows=BURSTS, names=PAIRED, version="v5", position=PLACE, comma=False, encoding="latin-1"):
     """An export as the format's description has it."""
-    head = [
-        f"DXEX {version}",
-        "C:/runs/B\N{LATIN SMALL LETTER E WITH ACUTE}ton.lda",
-        "2:44:21 PM",
-        position,
-        "Region1",
-        "\t".join(f'"{name}"' for name in names) + "\t",
-    ]
-    lines = head + ["\t".join(row) for row in rows]
-    if comma:
-        lines[3] = lines[3].replace(".", ",")
-        lines[6:] = [line.replace(".", ",") for line in lines[6:]]
-    path.write_bytes((end.join(lines) + end).encode(encoding))
+    named = "".join(f'"{name}"\t' for name in names)
+    table = ["\t".join(row) for row in rows]
+    position, *table = [line.replace(".", ",") if comma else line for line in (position, *table)]
+    project = "C:/runs/B\N{LATIN SMALL LETTER E WITH ACUTE}ton.lda"
+    lines = [f"DXEX {version}", project, "2:44:21 PM", position, "Region1", named, *table, ""]
+    path.write_bytes("\r\n".join(lines).encode(encoding))
     return path
 
 
@@ -174,15 +161,9 @@ def test_faulty_columns_are_refused(tmp_path, columns, words):
 
 def record_of(seed=0, count=50, **about):
     rng = np.random.default_rng(seed)
-    about = {"x": 0.01 * seed, "y": 1e-3, "z": 0.0, "frequency": 1500.0, "mach": 0.3, **about}
-    return tl.BurstRecord(
-        rng.exponential(1e-3, count).cumsum(),
-        rng.normal(size=count),
-        rng.normal(30, 3, count),
-        rng.uniform(1e-5, 2e-5, count),
-        title=f"s{seed}",
-        **about,
-    )
+    about = {"x": 0.01 * seed, "y": 1e-3, "z": 0.0, "frequency": 1500.0, "mach": 0.3, "title": f"s{seed}", **about}
+    bursts = rng.exponential(1e-3, count).cumsum(), rng.normal(size=count), rng.normal(30, 3, count)
+    return tl.BurstRecord(*bursts, rng.uniform(1e-5, 2e-5, count), **about)
 
 
 def test_stations_come_back_from_hdf5_bit_for_bit(tmp_path):

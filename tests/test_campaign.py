@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import errno
 import json
 import os
 import random
@@ -23,7 +22,6 @@ from test_cli import run
 import torchliner as tl
 from torchliner.campaign.campaign_file import read_campaign
 from torchliner.campaign.index import COLUMNS, Z
-from torchliner.io import whole_file
 from torchliner.io.whole_file import locked
 from torchliner.velocity import workers
 
@@ -334,22 +332,6 @@ def test_folders_that_cannot_serve(capsys, smallest, tmp_path):
     (output / "maps").symlink_to(tmp_path)
     code, _, err = done(capsys, smallest)
     assert (code, "remove the link" in err) == (2, True)
-
-
-def test_a_full_disk(capsys, smallest, monkeypatch):
-    replace = os.replace
-
-    def full(source, target):
-        if ".parts" in str(target):
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return replace(source, target)
-
-    monkeypatch.setattr(whole_file.os, "replace", full)
-    code, rows, _ = done(capsys, smallest)
-    assert code == 1
-    assert all("cannot be written: [Errno 28] No space left" in row["error"] for row in rows)
-    monkeypatch.setattr(whole_file.os, "replace", replace)
-    assert done(capsys, smallest)[0] == 0
 
 
 def test_what_a_pattern_stands_for(tmp_path):

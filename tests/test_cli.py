@@ -35,16 +35,10 @@ def small(tmp_path_factory):
     tone = 4 * torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(900))
     liner = tl.load_liner("polito")
     for height, rate in ((0.5, RATE), (2.5, 1.3 * RATE)):
-        plane = plane_of(
-            turbulence((2, 4, 900), seed=int(height)) + tone,
-            sampling_rate=rate,
-            height=1e-3 * height,
-            x=torch.arange(4) * 1e-3,
-            z=torch.arange(2) * 1e-3,
-            liner="polito",
-            reference={"true": 0.2 - 0.1j},
-            provenance={"case": "small"},
-        )
+        places = {"x": torch.arange(4) * 1e-3, "z": torch.arange(2) * 1e-3, "height": 1e-3 * height}
+        about = {"liner": "polito", "reference": {"true": 0.2 - 0.1j}, "provenance": {"case": "small"}}
+        v = turbulence((2, 4, 900), seed=int(height)) + tone
+        plane = plane_of(v, sampling_rate=rate, **places, **about)
         plane.write(folder / f"y{height}mm.h5")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -124,14 +118,11 @@ def quiet(call, *arguments, **choices):
         return call(*arguments, **choices)
 
 
+GIVEN = {"phase": "given", "reference_phase": 0.5}
 JSON = {  # words, and the same in Python: of the plane at 2.5 mm and of its liner
     "educe y2.5mm.h5 --frequency 1000 1400 --drive rms": lambda p, n: tl.educe(p, n, [1e3, 1400.0], drive="rms").answer,
     "educe y2.5mm.h5 --averaging velocity --phase given --reference-phase 0.5 --mean removed --interval none": (
-        lambda p, n: (
-            tl.educe(
-                p, n, averaging="velocity", phase="given", reference_phase=0.5, mean="removed", interval=None
-            ).answer
-        )
+        lambda p, n: tl.educe(p, n, averaging="velocity", mean="removed", interval=None, **GIVEN).answer
     ),
     "replay y2.5mm.h5 --incident noise:300:3500 --levels 50": lambda p, n: (
         tl.replay(p, n, "noise:300:3500", levels=50).answer
@@ -296,16 +287,10 @@ def test_info_describes_and_checks(capsys, tmp_path):
     assert "misaligned" in out
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "educe",
-        "educe --averaging velocity --interval none",
-        "educe --incident-level 131",
-        "sensitivity",
-        "calibrate --free porosity",
-    ],
-)
+OF_MOMENTS = "educe, educe --averaging velocity --interval none, educe --incident-level 131, sensitivity"
+
+
+@pytest.mark.parametrize("words", [*OF_MOMENTS.split(", "), "calibrate --free porosity"])
 def test_moments_stand_for_a_plane(capsys, small, words):
     """The answer of each command, from moments of any liner: as from the plane, to their error."""
     command, *options = words.split()

@@ -110,19 +110,11 @@ def test_a_format_is_read(added, tmp_path):
 def test_a_method_finds_a_single_wave(added, tmp_path, capsys):
     """The wave of a known wall, sampled along it, and nothing else: exactly."""
     frequency, wall = 1500.0, 1.2 - 0.4j
-    alpha = tl.wavenumber_from_impedance(
-        torch.tensor(wall, dtype=torch.complex128), frequency, height=0.05, mach=0.2, sound_speed=343.0
-    )
+    duct = {"height": 0.05, "mach": 0.2, "sound_speed": 343.0}
+    alpha = tl.wavenumber_from_impedance(torch.tensor(wall, dtype=torch.complex128), frequency, **duct)
     x = torch.arange(10, dtype=torch.float64) * 0.012
-    line = tl.MicrophoneLine(
-        x=x,
-        pressure=(20 * torch.exp(-1j * alpha * x))[:, None],
-        frequency=[frequency],
-        duct_height=0.05,
-        mach=0.2,
-        source_side="upstream",
-        fluid=tl.Fluid(sound_speed=343.0),
-    )
+    about = {"duct_height": 0.05, "mach": 0.2, "source_side": "upstream", "fluid": tl.Fluid(sound_speed=343.0)}
+    line = tl.MicrophoneLine(x, (20 * torch.exp(-1j * alpha * x))[:, None], [frequency], **about)
     line.write(tmp_path / "line.h5")
     words = ["kt", str(tmp_path / "line.h5"), "--method", "phase-gradient", "--json"]
     assert main([*words, "--draws", "20"]) == 0

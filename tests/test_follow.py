@@ -161,11 +161,13 @@ def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
     piece(velocity, 0, 600).write(tmp_path / "v1.h5")
     with pytest.raises(OSError, match=r"v0\.h5 begins with b"):
         list(Frames(tmp_path).new())
-    frames = Frames(tmp_path / "v1.h5")
-    assert sum(each.samples for each in frames.new()) == 600
-    piece(velocity, 0, 300).write(tmp_path / "v1.h5")
-    with pytest.raises(OSError, match=r"had 600 samples and has 300.*it was replaced"):
-        list(frames.new())
+    for other, words in ((piece(velocity, 0, 300), "had 600 samples and has 300"), (piece(velocity + 1, 0, 1800), "")):
+        piece(velocity, 0, 600).write(tmp_path / "v1.h5")
+        frames = Frames(tmp_path / "v1.h5")
+        assert sum(each.samples for each in frames.new()) == 600
+        other.write(tmp_path / "v1.h5")
+        with pytest.raises(OSError, match=rf"{words}.*it was replaced"):
+            list(frames.new())
 
 
 def test_the_command(capsys, tmp_path, velocity, monkeypatch):
@@ -246,16 +248,6 @@ def test_what_is_there_twice_counts_once(tmp_path, velocity):
     with pytest.warns(tl.DataWarning, match="20 samples of .*v10.h5.* count once"):
         found = torch.cat([each.velocity for each in frames.new()], dim=-1)
     assert torch.equal(found, velocity[:, :1800])
-
-
-def test_another_file_of_the_same_name_is_refused(tmp_path, velocity):
-    path = tmp_path / "v.h5"
-    piece(velocity, 0, 1000).write(path)
-    frames = Frames(path)
-    list(frames.new())
-    piece(velocity + 1, 0, 1800).write(path)
-    with pytest.raises(OSError, match="it was replaced"):
-        list(frames.new())
 
 
 # Moments of a record that goes on

@@ -73,17 +73,10 @@ def written(path):
 
 def plane_file(path: Path, tone: float = 0.0) -> Path:
     """``tone``: amplitude at 1400 Hz, m/s."""
-    plane_of(
-        turbulence((4, 260)) + tone * torch.cos(2 * torch.pi * 1400 / 42000 * torch.arange(260)),
-        x=torch.arange(4) * 1e-3,
-        liner="polito",
-        height=1e-3,
-        mach=0.12,
-        incident_level=130.0,
-        reference={"true": 0.2 - 0.1j},
-        source_side="upstream",
-        title="fuzz",
-    ).write(path)
+    about = {"x": torch.arange(4) * 1e-3, "liner": "polito", "height": 1e-3, "mach": 0.12, "incident_level": 130.0}
+    about |= {"reference": {"true": 0.2 - 0.1j}, "source_side": "upstream", "title": "fuzz"}
+    v = turbulence((4, 260)) + tone * torch.cos(2 * torch.pi * 1400 / 42000 * torch.arange(260))
+    plane_of(v, **about).write(path)
     return path
 
 

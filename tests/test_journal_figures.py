@@ -10,7 +10,7 @@ import torchliner as tl
 
 pytest.importorskip("matplotlib")
 from torchliner.report import curves, maps, of_map
-from torchliner.report.figure import WIDTHS, entry, finish, frame, styled, subplots, typeset, typeset_label
+from torchliner.report.figure import WIDTHS, frame, subplots, typeset, typeset_label
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -18,17 +18,12 @@ pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 @pytest.fixture(scope="module")
 def cases():
     x, z = np.arange(6) * 1e-3, np.arange(5) * 1e-3
+    about = {"x": x, "z": z, "reference": {"true": 1 - 0.2j}}
+    heights = {f"y{i}.h5": height for i, height in enumerate((2.5e-3, 1e-3, 0.5e-3))}
     return [
-        plane_of(
-            turbulence((5, 6, 480), seed=i, rms=1.0 + i),
-            x=x,
-            z=z,
-            height=height,
-            name=f"y{i}.h5",
-            title=f"case, y = {1e3 * height:g} mm",
-            reference={"true": 1 - 0.2j},
-        )
-        for i, height in enumerate((2.5e-3, 1e-3, 0.5e-3))
+        plane_of(v, name=name, height=height, title=f"case, y = {1e3 * height:g} mm", **about)
+        for i, (name, height) in enumerate(heights.items())
+        for v in [turbulence((5, 6, 480), seed=i, rms=1.0 + i)]
     ]
 
 
@@ -45,16 +40,6 @@ def test_widths_are_those_asked_for(found):
     for bad in ("three", 0.5, 40):
         with pytest.raises(ValueError, match="must be one, page, two, or 2 to 20"), tl.figure_style(bad):
             pass
-
-
-def test_panels_have_letters_and_in_a_column_stand_one_above_the_other(found):
-    with tl.figure_style("one"):
-        upper, lower = curves.draw_along_x(found).axes
-        assert upper.get_position().y0 > lower.get_position().y1
-        assert [axis.get_title(loc="left") for axis in (upper, lower)] == ["(a)", "(b)"]
-        left, right = subplots(1, 2, 2.0, beside=True)[1][0]
-        assert left.get_position().y0 == right.get_position().y0
-    assert subplots(1, 1, 2.0)[1][0, 0].get_title(loc="left") == ""
 
 
 def test_the_caption_stands_in_the_file_and_text_is_text(found, tmp_path):
@@ -102,25 +87,6 @@ def test_limits_show_values_and_break_at_poles():
     frame(axis, poles=True)
     assert axis.get_ylim()[1] < 50
     assert np.isnan(axis.lines[0].get_ydata()).any()
-
-
-def test_a_legend_names_what_is_drawn_and_is_no_wider_than_its_figure(liner):
-    for x, there in ((None, False), ([0.0, 0.01, 0.02], True)):
-        figure = curves.draw_along_x([tl.educe(plane_of(turbulence((3, 480)), x=x), liner)])
-        names = [text.get_text() for text in figure.legends[0].get_texts()]
-        assert any(name.startswith("cells") for name in names) == there
-
-    @styled
-    def drawn():
-        figure, axes = subplots(1, 1, 2.0)
-        for i in range(9):
-            entry(axes[0, 0], f"a rather long name of curve {i}")
-        return finish(figure, None, legend=9)
-
-    for width in WIDTHS:
-        with tl.figure_style(width):
-            figure = drawn()
-        assert figure.legends[0].get_window_extent().width <= figure.bbox.width
 
 
 @pytest.mark.parametrize(

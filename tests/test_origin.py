@@ -113,24 +113,15 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
     )
     found.write("map.h5")
     found = tl.read_map("map.h5")
-    assert held(found) == [
-        ("velocity", "p0.h5"),
-        ("velocity", "p1.h5"),
-        ("liner", "l.toml"),
-        ("liner", "t.csv"),
-        ("wall pressure", "w.h5"),
-    ]
+    files_of = [("velocity", "p0.h5"), ("velocity", "p1.h5"), ("liner", "l.toml"), ("liner", "t.csv")]
+    assert held(found) == [*files_of, ("wall pressure", "w.h5")]
     assert [each["hash"] for each in found.choices["inputs"]] == [
         hashlib.sha256((files / name).read_bytes()).hexdigest() for _, name in held(found)
     ]
     assert found.choices["reference_phase"] == [0.1, 0.2, 0.3]
     assert "command" not in found.choices
-    assert found.choices["versions"] == {
-        "torchliner": tl.__version__,
-        "torch": torch.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
+    versions = {"torchliner": tl.__version__, "torch": torch.__version__, "numpy": np.__version__}
+    assert found.choices["versions"] == versions | {"python": platform.python_version()}
     found = tl.educe(plane, liner.replace(name="mine"), interval=None)
     assert ("liner", "l.toml") not in held(found)  # a changed copy is not the file's
     tl.moments(plane, cell_pitch=None).write("m.h5")

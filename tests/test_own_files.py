@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 import xarray
-from conftest import plane_of, same_bits, turbulence
+from conftest import EVERY, plane_of, same_bits, turbulence
 from test_burst_files import record_of
 from test_microphone_line import line_of
 from test_plane_file import LAYOUTS, make_plane
@@ -30,14 +30,8 @@ from torchliner.records.wall_eduction import fine_places
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 SAMPLES = 300
-FACTS = {
-    "height": 1e-3,
-    "mach": 0.3,
-    "incident_level": 145.0,
-    "displacement_thickness": 1.73e-3,
-    "source_side": "upstream",
-    "fluid": tl.Fluid(343.2, 1.21, 1.8e-5, 1.4, 0.7),
-}
+FLUID = tl.Fluid(343.2, 1.21, 1.8e-5, 1.4, 0.7)
+FACTS = {"height": 1e-3, "mach": 0.3, "incident_level": 145.0, "source_side": "upstream", "fluid": FLUID}
 PRESSURES = {
     "line": {},
     "numbered cells": {"cell_pitch": None, "probe_cell": [0, 0, 0, 1, 1, -1]},
@@ -51,51 +45,26 @@ PRESSURES = {
 }
 
 
-def grid_plane(dtype=torch.float32, **about):
+def grid_plane(dtype=torch.float32):
     """(z, x) probes with all that a plane may state."""
-    facts = {
-        "x": 0.01 * torch.arange(4.0),
-        "z": 0.02 * torch.arange(2.0),
-        "height": 1e-3,
-        "incident_level": 130.0,
-        "mach": 0.1,
-        "source_side": "upstream",
-        "liner": "polito",
-        "reference": {"true": 1 - 0.5j},
-        "title": "two rows",
-        "provenance": {"run": 7},
-        "start": 0.25,
-        "area": torch.linspace(1e-6, 8e-6, 8),
-        "holes": tl.records.Holes(x=(0.01,), diameter=(1e-3,), z=(0.01,)),
-    }
+    facts = {"x": 0.01 * torch.arange(4.0), "z": 0.02 * torch.arange(2.0), "area": torch.linspace(1e-6, 8e-6, 8)}
+    facts |= {"height": 1e-3, "incident_level": 130.0, "mach": 0.1, "source_side": "upstream", "liner": "polito"}
+    facts |= {"reference": {"true": 1 - 0.5j}, "title": "two rows", "provenance": {"run": 7}, "start": 0.25}
     time = torch.arange(900, dtype=torch.float64) / 42e3
     v = turbulence((2, 4, 900)) + 2 + 3 * torch.cos(2 * torch.pi * 1400 * time)
-    return plane_of(v.to(dtype), **facts | about)
+    return plane_of(v.to(dtype), holes=tl.records.Holes(x=(0.01,), diameter=(1e-3,), z=(0.01,)), **facts)
 
 
 def record(**about) -> tl.PressureRecord:
     """Everything a record can hold, over one line of probes."""
-    about = {
-        "facesheet": turbulence((6, SAMPLES)).float(),
-        "backplate": turbulence((2, SAMPLES), seed=1).float(),
-        "sampling_rate": 40000.0,
-        "x": [0.001 * i for i in range(6)],
-        "cavity_depth": 0.038,
-        "cavity_porosity": 0.8,
-        "cavity_hydraulic_radius": 0.005,
-        "cell_pitch": 0.003,
-        "microphones": turbulence((3, SAMPLES), seed=2).float(),
-        "microphone_y": [0.01, 0.02, 0.03],
-        "microphone_velocity": turbulence((3, SAMPLES), seed=3).float(),
-        "microphone_mach": 0.1,
-        "frequency": 1400.0,
-        "incident_level": 130.0,
-        "mach": 0.3,
-        "reference": {"true": 1 - 0.5j},
-        "title": "made up",
-        "provenance": {"source": "a test"},
-        **about,
-    }
+    usual = {"sampling_rate": 40000.0, "x": [0.001 * i for i in range(6)], "cavity_depth": 0.038, "cell_pitch": 0.003}
+    for seed, (name, probes) in enumerate(
+        {"facesheet": 6, "backplate": 2, "microphones": 3, "microphone_velocity": 3}.items()
+    ):
+        usual[name] = turbulence((probes, SAMPLES), seed=seed).float()
+    usual |= {"cavity_porosity": 0.8, "cavity_hydraulic_radius": 0.005, "microphone_y": [0.01, 0.02, 0.03]}
+    usual |= {"microphone_mach": 0.1, "frequency": 1400.0, "incident_level": 130.0, "mach": 0.3, "title": "made up"}
+    about = usual | {"reference": {"true": 1 - 0.5j}, "provenance": {"source": "a test"}} | about
     return tl.PressureRecord(about.pop("facesheet"), about.pop("backplate"), **about)
 
 
@@ -117,30 +86,25 @@ def field_fit(line, draws=True):
 
     count, along = len(line.frequency), fine_places(line.x)
     spread = random(count, 2, 2).abs()
+    known = {"method": "LEE fit", "frequency": line.frequency, "x": line.x, "source_side": line.source_side}
+    known |= {name: random(count) for name in ("amplitude", "end_reflection")}
+    known |= {name: random(count).abs() for name in ("residual", "misfit")}
+    known |= {"pressure": random(line.microphones, count), "pressure_along": random(len(along), count)}
     return tl.FieldFit(
-        method="LEE fit",
-        frequency=line.frequency,
-        x=line.x,
         impedance=2 + random(count) / 9,
         covariance=spread @ spread.mT * 1e-4,
-        amplitude=random(count),
-        end_reflection=random(count),
-        pressure=random(line.microphones, count),
         along=along,
-        pressure_along=random(len(along), count),
-        residual=random(count).abs(),
-        misfit=random(count).abs(),
         converged=random(count).real > 0,
-        source_side=line.source_side,
         draws=field_fit(line, None) if draws else None,
         line=line,
         choices={"method": "field", "mach": 0.3},
+        **known,
     )
 
 
 def noted():
     """A map with all that may stand beside Z."""
-    found = made("plane", **FACTS).with_alongside(points())
+    found = made("plane", displacement_thickness=1.73e-3, **FACTS).with_alongside(points())
     notes = (*found.notes, Note("by-hand", "of some size", 0.1))
     return dataclasses.replace(found, notes=notes, holes=tl.Holes((0.01,), (1e-3,)), title="Überströmt")
 
@@ -165,6 +129,15 @@ def microphones():
     return noisy("upstream", provenance={"who": "me"}, reference={"true": 1 + 0j})
 
 
+TABLE = tl.TabulatedLiner([1000.0, 2000.0], np.full((2, 3), 2 + 1j), [0.0, 5.0, 40.0])
+
+
+def bare_plane(third=0.0):
+    v = turbulence((8, 900))
+    v[3, ::7] = third
+    return plane_of(v, title="t")
+
+
 RECORDS = {
     **{
         f"map, {place}": (lambda place=place: made(place), tl.read_map)
@@ -184,6 +157,10 @@ RECORDS = {
         for name, about in PRESSURES.items()
     },
     "moments": (lambda: tl.moments(grid_plane(), cell_pitch=0.02), tl.read_moments),
+    "moments of levels": (lambda: tl.moments(bare_plane(), TABLE), tl.read_moments),
+    "moments of lines": (lambda: tl.moments(bare_plane(), frequency=[1400.0, 1000.0]), tl.read_moments),
+    "moments, some left out": (lambda: tl.moments(bare_plane(torch.nan), missing="exclude"), tl.read_moments),
+    "moments of one probe": (lambda: tl.moments(plane_of(turbulence((900,)), title="t")), tl.read_moments),
     "microphones": (tones, tl.read_microphones),
     "lines of microphones": (draws, tl.read_microphones),
     "waves": (lambda: tl.kumaresan_tufts(microphones(), draws=3), lambda path: tl.read_wall(path)[0]),
@@ -442,18 +419,8 @@ def test_an_old_file_stays_where_a_new_one_fails(tmp_path, monkeypatch, name, er
 
 # Moments
 
-CHOICES = [
-    {},
-    {"averaging": "velocity"},
-    {"phase": "self-consistent"},
-    {"drive": "rms"},
-    {"drive": "running-rms"},
-    {"mean": "removed"},
-    {"background": 1.0},
-]
 
-
-@pytest.mark.parametrize("choices", CHOICES, ids=str)
+@pytest.mark.parametrize("choices", EVERY, ids=str)
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_a_file_answers_as_memory_does(choices, dtype, liner, tmp_path):
     path = tmp_path / "m.h5"
@@ -466,21 +433,6 @@ def test_a_file_answers_as_memory_does(choices, dtype, liner, tmp_path):
     assert same_bits(found.educe(liner, **choices), known.educe(liner, **choices))
     with pytest.raises(ValueError, match=r"m\.h5 holds moments.* 900 time samples are gone"):
         found.plane.read(0, 1)
-
-
-def test_other_moments_and_planes(tmp_path):
-    v = turbulence((8, 900))
-    v[3, ::7] = torch.nan
-    table = tl.TabulatedLiner([1000.0, 2000.0], np.full((2, 3), 2 + 1j), [0.0, 5.0, 40.0])
-    cases = {
-        "levels": tl.moments(plane_of(v.nan_to_num(), title="t"), table),
-        "lines": tl.moments(plane_of(v.nan_to_num(), title="t"), frequency=[1400.0, 1000.0]),
-        "left out": tl.moments(plane_of(v, title="t"), missing="exclude"),
-        "one probe": tl.moments(plane_of(v[0], title="t")),
-    }
-    for name, known in cases.items():
-        known.write(tmp_path / "m.h5")
-        assert same_bits(tl.read_moments(tmp_path / "m.h5"), known), name
 
 
 # Pressures

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import torchliner as tl
+from torchliner import file_checks
 from torchliner.io.plane_writer import write_plane
 from torchliner.records.slabs import SLAB_ROWS
 
@@ -176,14 +177,6 @@ def test_bad_file_is_refused_with_its_place(tmp_path, kind):
         tl.read_plane(path)
 
 
-def test_bad_attribute_is_refused(tmp_path):
-    path = raw_file(tmp_path / "a.h5", WAVE)
-    with h5py.File(path, "a") as file:
-        file.attrs["source_side"] = "left"
-    with pytest.raises(ValueError, match=f"{V}: source_side 'left'; choose one of: upstream, downstream"):
-        tl.read_plane(path)
-
-
 def test_damaged_tile_is_named(tmp_path):
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
@@ -205,3 +198,123 @@ def test_single_sample_cannot_be_written(tmp_path):
     with pytest.raises(ValueError, match="velocity has 1 sample; at least two times are needed"):
         make_plane(samples=1).write(tmp_path / "a.h5")
     assert list(tmp_path.iterdir()) == []
+
+
+# What was never written, is packed, linked or damaged is said or refused
+
+NAME = "wall_normal_velocity"
+
+
+def good():
+    return make_plane(x=[0.0, 0.1, 0.2, 0.3], z=[0.0, 0.1, 0.2], height=1e-3)
+
+
+def edited(tmp_path, edit):
+    """A good file that one edit has changed."""
+    path = tmp_path / "a.h5"
+    good().write(path)
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    return path
+
+
+def remade(name, **how):
+    """A dataset in the place of another, with its units and without dimension scales; functions are of its values."""
+
+    def edit(file):
+        values, units = file[name][()], file[name].attrs["units"]
+        del file[name]
+        words = {key: each(values) if callable(each) else each for key, each in how.items()}
+        file.create_dataset(name, **words).attrs["units"] = units
+        return file[name]
+
+    return edit
+
+
+def linked(name, link):
+    return lambda file: (file.pop(name), file.__setitem__(name, link))
+
+
+def set_attribute(name, key, value):
+    return lambda file: (file[name] if name else file).attrs.__setitem__(key, value)
+
+
+def half_written(file):
+    remade(NAME, shape=np.shape, dtype="f4", chunks=(5, 3, 4))(file)[:10] = 1.0
+
+
+def virtual(file):
+    shape = file.pop(NAME).shape
+    layout = h5py.VirtualLayout(shape, "f4")
+    layout[:] = h5py.VirtualSource("part.h5", "v", shape)
+    file.create_virtual_dataset(NAME, layout).attrs["units"] = "m/s"
+
+
+OUTSIDE = remade(NAME, shape=np.shape, dtype="f4", external=[("v.raw", 0, h5py.h5f.UNLIMITED)])
+PLANES = {
+    "chunks never written": (half_written, rf"{NAME}: 2 of 4 chunks were never written .* read as 0"),
+    "values never written": (remade(NAME, shape=np.shape, dtype="f4"), rf"{NAME}: 1 of 1 blocks were never written"),
+    "empty": (remade(NAME, data=h5py.Empty("f4")), rf"{NAME} has shape \(\)"),
+    "height never written": (remade("height", shape=np.shape, dtype="f4"), "height: 1 of 1 blocks were never written"),
+    "a link": (linked("height", h5py.SoftLink("/h")), "height is a link to /h, which is not ther"),
+    "a link elsewhere": (linked("height", h5py.ExternalLink("no.h5", "/h")), "height is a link to no.h5:/h, which"),
+    "raw storage": (
+        OUTSIDE,
+        rf"{NAME} keeps its values outside the file; .*h5repack",
+    ),
+    "a virtual set": (virtual, rf"{NAME} keeps its values outside the file; .*h5repack"),
+    "x of index units": (set_attribute("x", "units", "1"), "x has units '1'; a length is needed"),
+    "x not finite": (lambda f: f["x"].write_direct(np.array([0, 1, np.nan, 2.0])), "x has .* all finite"),
+    "x absurd": (lambda f: f["x"].write_direct(np.array([0, 1, 2, 1e300])), r"x holds 1e\+300 m, which is"),
+    "texts": (remade("height", data="1 mm"), "height is object; numbers are needed"),
+    "factor of 0": (set_attribute(NAME, "scale_factor", 0.0), "scale_factor is 0"),
+    "factor of text": (set_attribute(NAME, "scale_factor", "2"), "scale_factor is '2'; numbers"),
+    "nested JSON": (set_attribute("", "provenance", "[" * 9999), "'provenance' is .*Invalid JSON"),
+    "source side": (set_attribute("", "source_side", "left"), "source_side 'left'; choose one of: upstream, downstr"),
+    "JSON of another kind": (set_attribute("", "provenance", "[1]"), "'provenance' is .* an object; repair it"),
+}
+
+
+@pytest.mark.parametrize("lazy", [False, True])
+@pytest.mark.parametrize("kind", PLANES)
+def test_what_is_not_there_is_no_zero(tmp_path, kind, lazy):
+    edit, message = PLANES[kind]
+    path = edited(tmp_path, edit)
+    with pytest.raises(ValueError, match=f"a.h5.*{message}"):
+        tl.read_plane(path, lazy)
+
+
+def test_what_a_file_fills_is_missing(tmp_path):
+    """The fill value of the dataset itself, without an attribute, as netCDF has it."""
+    fill = np.float32(9.96921e36)
+
+    def first(values):
+        return np.where(np.arange(values.size).reshape(values.shape) == 0, fill, values).astype("f4")
+
+    path = edited(tmp_path, remade(NAME, data=first, fillvalue=fill, chunks=(20, 3, 4)))
+    assert torch.isnan(tl.read_plane(path).velocity).nonzero().tolist() == [[0, 0, 0]]
+
+
+def test_values_of_other_files_are_named(tmp_path):
+    def edit(file):
+        with h5py.File(tmp_path / "part.h5", "w") as other:
+            other.create_dataset("v", data=file[NAME][()]).attrs["units"] = "m/s"
+        linked(NAME, h5py.ExternalLink("part.h5", "v"))(file)
+
+    path = edited(tmp_path, edit)
+    with pytest.warns(tl.DataWarning, match=r"its values stand in .*part.h5"):
+        found = tl.read_plane(path)
+    assert torch.equal(found.velocity, good().velocity)
+
+
+@pytest.mark.parametrize("longer", [False, True])
+def test_more_than_memory_is_refused_from_the_header(tmp_path, monkeypatch, longer):
+    def edit(file):
+        if longer:
+            remade("time", data=np.arange(400) / RATE)(file)
+            remade(NAME, data=np.zeros((400, 3, 4), "f4"))(file)
+
+    path = edited(tmp_path, edit)
+    monkeypatch.setattr(file_checks, "machine_memory", lambda: 1000.0)
+    with pytest.raises(ValueError, match=r"a.h5:/.* takes .* GB; this machine has 1e-06 GB"):
+        tl.read_plane(path)

@@ -321,15 +321,8 @@ def test_dates_of_pandas_tables_and_arrays_without_units():
         tl.VelocityPlane.from_xarray(table)
     with pytest.raises(TypeError, match=r"is a DataFrame; give .to_numpy"):
         tl.VelocityPlane(data.v[:, 0].to_pandas(), sampling_rate=RATE)
-    same_plane(
-        tl.VelocityPlane.from_xarray(
-            table.set_index([*AXES]).to_xarray(),
-            variable="v",
-            velocity_units="m/s",
-            length_units="m",
-            sampling_rate=RATE,
-        )
-    )
+    stated = {"variable": "v", "velocity_units": "m/s", "length_units": "m", "sampling_rate": RATE}
+    same_plane(tl.VelocityPlane.from_xarray(table.set_index([*AXES]).to_xarray(), **stated))
 
 
 def test_a_lazy_dataset_stays_so(tmp_path):

@@ -13,7 +13,7 @@ from test_plane_file import make_plane
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.io.plane_parts import join_planes, parse_region, select
+from torchliner.io.plane_parts import join_planes, select
 
 RATE = 50e3
 WHOLE = make_plane(samples=60, x=[0.0, 0.001, 0.002, 0.003], z=[0.0, 0.01, 0.02], start=0.5)
@@ -171,19 +171,14 @@ WRONG = [
     ({"region": "2:1"}, "region '2:1' is upside down: 2 is above 1"),
     ({"region": "0:1,0:1,0:1"}, "cannot be read; write X0:X1"),
     ({"region": "a:b"}, "cannot be read"),
+    ({"region": "0:1", "plane": make_plane()}, "states no x, so that no region of it is known"),
 ]
 
 
 @pytest.mark.parametrize(("what", "message"), WRONG)
 def test_what_selects_nothing_is_refused(what, message):
     with pytest.raises(ValueError, match=message):
-        select(WHOLE, **what)
-
-
-def test_a_region_needs_coordinates():
-    with pytest.raises(ValueError, match="states no x, so that no region of it is known"):
-        select(make_plane(), region="0:1")
-    assert parse_region(":,-0.1:0") == [(None, None), (-0.1, 0.0)]
+        select(what.get("plane", WHOLE), **{key: value for key, value in what.items() if key != "plane"})
 
 
 def test_all_that_has_a_unit_is_scaled(tmp_path):
@@ -216,16 +211,3 @@ def test_convert_takes_any_format(tmp_path, capsys):
     assert '"format": "HDF5 or netCDF-4"' in capsys.readouterr().out
     assert main(["info", str(tmp_path / "none_*.h5")]) == 2
     assert "none_*.h5: no such file" in capsys.readouterr().err
-
-
-def test_commands_see_the_part_that_is_asked_for(tmp_path, capsys):
-    plane = replace(make_plane((4,), 2000), x=[0.0, 0.001, 0.002, 0.003], frequency=1000.0, liner="polito")
-    plane.write(tmp_path / "a.h5")
-    part, whole = (tmp_path / name for name in ("m.h5", "w.h5"))
-    end = ["--quiet"]
-    assert main(["reduce", str(tmp_path / "a.h5"), "-o", str(part), "--stop", "0.02", *end]) == 0
-    assert tl.read_moments(part).plane.samples == 1000
-    assert main(["reduce", str(tmp_path / "a.h5"), "-o", str(whole), *end]) == 0
-    capsys.readouterr()
-    assert main(["educe", str(whole), "--stop", "0.02", *end]) == 2
-    assert "holds moments, of which there is no part: leave out --stop" in capsys.readouterr().err

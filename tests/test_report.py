@@ -9,6 +9,7 @@ import torch
 from conftest import FREQUENCY, RATE, plane_of, turbulence
 from test_own_files import noisy
 from test_results_out import line, points
+from test_results_out import made as at
 
 import torchliner as tl
 from torchliner.names import AVERAGINGS
@@ -17,6 +18,7 @@ from torchliner.report import curves, maps
 from torchliner.report.answer import answer_of, ordered
 from torchliner.report.fields import level_and_phase
 from torchliner.report.figure import AVERAGINGS as COLOUR_OF
+from torchliner.report.maps import over_surface
 from torchliner.report.of_map import draw_pictures
 from torchliner.report.studies import draw_level_check, draw_maps_over_height
 from torchliner.studies.heights import study_heights
@@ -97,14 +99,8 @@ def test_the_screen_says_z_interval_check_and_step(found):
 
 def test_warnings_go_by_what_they_may_move():
     """What makes Z another quantity, the largest, and those of unknown size behind; each once."""
-    notes = [
-        Note("", "unknown"),
-        Note("few-blocks", "small", 1e-3),
-        Note("x", "large", 1.0),
-        "text",
-        Note("level-check", "level", 0.1),
-        Note("", "unknown"),
-    ]
+    notes = [Note("", "unknown"), Note("few-blocks", "small", 1e-3), Note("x", "large", 1.0), "text"]
+    notes += [Note("level-check", "level", 0.1), Note("", "unknown")]
     assert [note.text for note in ordered(notes)] == ["level", "large", "small", "unknown", "text"]
 
 
@@ -167,24 +163,14 @@ def test_goodrich_counts_the_flow_once(liner):
 # --- drawings
 
 
-def labels(figure) -> str:
-    return " ".join(axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes)
-
-
-def legend(figure) -> list[str]:
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
 def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_path):
     before = dict(matplotlib.rcParams)
     along = curves.draw_along_x(found, tmp_path / "along.pdf")
-    velocity = curves.draw_velocity([made()], tmp_path / "velocity.png")
-    assert "(mm)" in labels(maps.draw_map(found[0]))
-    assert "(mm)" in labels(along)
-    assert "Re" in labels(draw_maps_over_height(found))
-    assert "m s" in labels(velocity)
-    assert {"true", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= {*legend(along)}
-    assert all((tmp_path / name).stat().st_size > 4000 for name in ("along.pdf", "velocity.png"))
+    for figure, words in ((along, "(mm)"), (curves.draw_velocity([made()]), "m s"), (maps.draw_map(found[0]), "(mm)")):
+        assert words in " ".join(axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes)
+    names = {text.get_text() for text in along.legends[0].get_texts()}
+    assert {"true", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= names
+    assert (tmp_path / "along.pdf").stat().st_size > 4000
     assert dict(matplotlib.rcParams) == before
 
 
@@ -237,18 +223,52 @@ def test_pictures_of_a_run(liner, tmp_path):
     sweep = [1000.0 + 10 * i for i in range(10)] + [FREQUENCY]
     found = [tl.educe(plane, liner, sweep, averaging="velocity", interval=None) for plane in two]
     draw_pictures([*found, tl.educe(made(2), liner, FREQUENCY)], [*two, made(2, name="p2.h5")], tmp_path)
-    names = {path.name for path in tmp_path.glob("*.png")}
-    assert names == {
-        "along_x.png",
-        "spectrum.png",
-        "height.png",
-        "difference.png",
-        "velocity.png",
-        "map_p0.png",
-        "map_p1.png",
-    }
+    names = {path.stem for path in tmp_path.glob("*.png")}
+    assert names == {"along_x", "spectrum", "height", "difference", "velocity", "map_p0", "map_p1"}
     assert len([*tmp_path.glob("*")]) < 20
     assert (tmp_path / "p2" / "along_x.png").exists()
+
+
+# --- notebooks
+
+SHOWN = {"plane": True, "line": False, "slanted": False, "scattered": True}  # place of the probes: as a map
+
+
+def test_notebooks_get_a_table_whose_titles_are_text(liner):
+    plane = made(height=1e-3, title="a <b>plane</b>")
+    found = tl.educe(plane, liner, [1400.0, 1000.0])
+    for record in (plane, found, tl.moments(plane, cell_pitch=0.01)):
+        html = record._repr_html_()
+        assert ("&lt;b&gt;plane" in html, "<b>plane" in html) == (True, False)
+    frequency = torch.linspace(1000, 2000, 30, dtype=torch.float64)
+    many = tl.educe(plane, liner, frequency, interval=None)._repr_html_()
+    assert (found._repr_html_().count("<tr>"), many.count("<tr>"), "18 more" in many) == (2, 13, True)
+
+
+def test_scattered_probes_make_a_map():
+    """A dot a probe; a line, also a slanted one, stays a line."""
+    assert {place: over_surface(at(place)) for place in SHOWN} == SHOWN
+    figure = at("scattered").plot(frequency=1400.0)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    assert figure.axes[0].collections[0].get_array().shape[0] == 4
+
+
+def test_plots_go_into_given_axes_at_a_given_frequency(tmp_path):
+    for place in SHOWN:
+        axes = matplotlib.figure.Figure().subplots(1, 2)
+        assert at(place).plot(frequency=1000.0, ax=axes) is axes
+        assert all(axis.has_data() for axis in axes)
+    one = matplotlib.figure.Figure().subplots()
+    assert at("line").plot(ax=one, frequency=1000.0) is one
+    (curve, *_) = one.get_lines()
+    assert curve.get_ydata() == pytest.approx(at("line").resistance[:, 1].numpy())
+    for words, message in (
+        ({"frequency": 1200.0}, r"frequency is 1200 Hz; the record has 1400, 1000 Hz"),
+        ({"ax": matplotlib.figure.Figure().subplots(1, 3)}, r"3 axes are given; 2 panels need 2, or one"),
+        ({"path": tmp_path / "m.png", "ax": one}, r"m.png: give a path or axes"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            at("line").plot(**words)
 
 
 # --- validation

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-
 import numpy as np
 import pytest
 from conftest import load_script
@@ -74,29 +72,3 @@ def test_figures_14_and_19(facility, tmp_path):
         levels = [sides[side].line.level[:, 0] for side in FIGURE.SIDES]
         assert float(levels[0][0]) == pytest.approx(FIGURE.FIRST)
         assert float(levels[1][-1]) == pytest.approx(FIGURE.FIRST)
-
-
-def test_numbers_of_the_page(request):
-    """The table of docs/side_by_side.md is that of its CSV."""
-    root = request.config.rootpath / "docs"
-    text = (root / "side_by_side.md").read_text(encoding="utf-8").replace("\u2212", "-")
-    with (root / "figures" / "side_by_side.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["method"] != "true"]
-    errors = {
-        method: [
-            float(row[f"error of {word}"])
-            for world in SCRIPT.WORLDS
-            for word in ("resistance", "reactance")
-            for row in rows
-            if (row["turbulence"], row["method"]) == (world, method)
-        ]
-        for method in dict.fromkeys(row["method"] for row in rows)
-    }
-    missing = [wanted for wanted in errors.values() if max(map(abs, wanted)) >= 0.005]
-    lines = [line for line in text.splitlines() if line.count("|") == 6][2:]
-    assert len(lines) == len(missing) == len(errors) - 3
-    for wanted, line in zip(missing, lines, strict=True):
-        # A cell with one number has it for both source sides.
-        pairs = [cell.split(",") for cell in line.split("|")[2:6]]
-        cells = [float(value) for pair in pairs for value in (pair * 2)[:2]]
-        assert cells == pytest.approx(wanted, abs=0.0051)

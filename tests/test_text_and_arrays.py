@@ -140,6 +140,7 @@ def test_arrays_that_are_none(tmp_path, name, content, message):
 
 
 V = np.random.default_rng(0).normal(size=(6, 2, 3))  # time, z, x
+GAP = np.ma.masked_equal([500.0, 900.0], 500.0)
 
 
 class Table:
@@ -162,21 +163,9 @@ def of(values, **about):
         (lambda: of(V[0], x=xarray.DataArray([0.0, 1.0])), TypeError, "x is a DataArray whose axes have names"),
         (lambda: of(V[0], area=[1.0, -1.0]), ValueError, "area"),
         (lambda: of(V[0], x=[0.0, 1e300]), ValueError, r"x holds 1e\+300 m, which is no length"),
-        (
-            lambda: tl.load_liner("polito").impedance(np.ma.masked_less([500.0, 900.0], 600.0)),
-            ValueError,
-            "1 masked values of 2",
-        ),
-        (
-            lambda: tl.MicrophoneLine([0.0, 0.1], np.ma.masked_equal([1 + 1j, 2], 2), 500.0, duct_height=0.05),
-            ValueError,
-            "pressure has 1 masked values",
-        ),
-        (
-            lambda: tl.TabulatedLiner([1.0, 2.0], np.ma.masked_equal([1 + 1j, 2], 2)),
-            ValueError,
-            "values has 1 masked values",
-        ),
+        (lambda: tl.load_liner("polito").impedance(GAP), ValueError, "1 masked values of 2"),
+        (lambda: tl.MicrophoneLine([0.0, 0.1], GAP, 500.0, duct_height=0.05), ValueError, "pressure has 1 masked val"),
+        (lambda: tl.TabulatedLiner([1.0, 2.0], GAP), ValueError, "values has 1 masked values"),
     ],
 )
 def test_what_an_array_cannot_carry_is_refused(make, error, message):

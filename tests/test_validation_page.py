@@ -154,19 +154,3 @@ def test_committed_rows_are_current(case, index):
             if now == now or then == then:
                 assert now == pytest.approx(then, rel=1e-3, abs=1e-3), name
         assert row.level_check == pytest.approx(old.level_check, abs=2e-3)
-
-
-# --- calibrate without flow, predict with flow
-
-flowless = load_script("calibrate_without_flow")
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_the_fit_without_flow_is_current():
-    fit = flowless.FITS[1]
-    found = flowless.calibrated(fit)
-    assert float(found.values[0]) == pytest.approx(0.411, abs=1e-3)
-    plane = flowless.planes_of("t03_130")[0]
-    value = complex(tl.educe(plane, found.liner, interval=None).answer[0])
-    assert value == pytest.approx(2.304 - 0.516j, abs=3e-3)

@@ -14,7 +14,7 @@ import time
 import distributed
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, plane_of, turbulence
+from conftest import EVERY, FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
 from torchliner.io.plane_format import Stored
@@ -22,15 +22,6 @@ from torchliner.velocity import workers
 from torchliner.velocity.workers import on_worker, open_cluster
 
 SAMPLES, PITCH = 1500, 12.44e-3  # 50 periods
-EVERY = [
-    {},
-    {"mean": "removed"},
-    {"averaging": "velocity"},
-    {"drive": "rms"},
-    {"drive": "running-rms"},
-    {"phase": "self-consistent"},
-    {"background": 0.5},
-]
 
 
 @pytest.fixture(scope="module")
