@@ -11,7 +11,7 @@ from torch import Tensor
 
 import torchliner as tl
 from torchliner.velocity.averages import average
-from torchliner.velocity.choices import Choices
+from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.reading import reading_of, take_moments
 
 PROBES, SAMPLES = 27400, 2280  # the paper's plane
@@ -51,7 +51,7 @@ def educed_on_meta(frequency: list[float], **choices: Any) -> OneDevice:
     phase = 0.3 if chosen.phase == "given" else None
     with OneDevice() as mode, torch.no_grad():
         known = take_moments(reading, reviewed=False)
-        found = {name: average(known, liner, asked, chosen, name, phase) for name in chosen.averagings}
+        found = {name: average(known, liner, asked, chosen, name, phase) for name in COMPUTED[chosen.averaging]}
     assert {each.liner.reflection.device.type for each in found.values()} == {"meta"}
     return mode
 

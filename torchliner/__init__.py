@@ -60,7 +60,8 @@ __all__ = ["__version__", *_HOMES]
 def __getattr__(name: str) -> Any:
     """Public names are imported when first used, so that ``import torchliner`` is quick."""
     if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
+        found = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
+        return found
     raise AttributeError(f"module 'torchliner' has no attribute {name!r}")
 
 

@@ -153,21 +153,16 @@ def phase_tensor(value: Any) -> Tensor:
     return values
 
 
-def stated_frequency(frequency: Any, tone: Any, name: Any, sampling_rate: float | None = None) -> Tensor:
-    """What is asked for, else the ``tone`` that the record ``name`` states, Hz, (F,); ValueError where neither is
-    known, and as ``frequency_tensor``."""
-    wanted = tone if frequency is None else frequency
-    if wanted is None:
-        raise ValueError(f"{name} states no frequency; give frequency=..., in Hz")
-    return frequency_tensor(wanted, sampling_rate).cpu()
-
-
-def frequency_tensor(frequency: Any, sampling_rate: float | None = None) -> Tensor:
-    """Frequencies in Hz as a float64 tensor, (F,).
+def frequency_tensor(frequency: Any, sampling_rate: float | None = None, *, record: Any = None) -> Tensor:
+    """Frequencies in Hz as a float64 tensor, (F,); for None the tone that a ``record`` states.
 
     Raises:
         ValueError: none; one that is not finite and positive, or at or above half the sampling rate, if that is given.
     """
+    if frequency is None and record is not None:
+        frequency = record.frequency
+        if frequency is None:
+            raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
     wanted = real_tensor(frequency, name="frequency (Hz)").reshape(-1)
     if wanted.numel() == 0:
         raise ValueError("no frequency is given; name at least one, in Hz")

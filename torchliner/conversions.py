@@ -40,7 +40,9 @@ def impedance_from_reflection(reflection: Tensor) -> Tensor:
         TypeError: if ``reflection`` is real.
     """
     require_complex("reflection", reflection)
-    return _ratio(1 + reflection, 1 - reflection)
+    under = 1 - reflection
+    zero = under == 0  # where the gradient is 0
+    return torch.where(zero, torch.inf, (1 + reflection) / torch.where(zero, 1, under))
 
 
 def admittance_from_reflection(reflection: Tensor) -> Tensor:
@@ -52,13 +54,8 @@ def admittance_from_reflection(reflection: Tensor) -> Tensor:
 def impedance_from_admittance(admittance: Tensor) -> Tensor:
     """Normalised impedance 1/y; inf, not nan, where y = 0 (a rigid wall)."""
     require_complex("admittance", admittance)
-    return _ratio(torch.ones_like(admittance), admittance)
-
-
-def _ratio(over: Tensor, under: Tensor) -> Tensor:
-    """Their quotient; inf, whose gradient is 0, where the denominator is 0."""
-    zero = under == 0
-    return torch.where(zero, torch.inf, over / torch.where(zero, 1, under))
+    zero = admittance == 0  # where the gradient is 0
+    return torch.where(zero, torch.inf, torch.ones_like(admittance) / torch.where(zero, 1, admittance))
 
 
 def mean_impedance(admittance: Tensor, axis: int = 0, weights: Tensor | None = None) -> Tensor:

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from torchliner.bursts.arrivals import GridSignal, corrected_coherent_part, onto_grid, tone_attenuation
 from torchliner.bursts.stations import BurstFilters, Station
-from torchliner.checks import SAME_FREQUENCY, make_plain, require_choice, require_positive, stated_frequency
+from torchliner.checks import SAME_FREQUENCY, frequency_tensor, make_plain, require_choice, require_positive
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error
@@ -30,7 +30,7 @@ from torchliner.velocity.answer import goodrich_of
 from torchliner.velocity.averages import PHASE_RULES
 from torchliner.velocity.choices import TOLERANCES, Choices
 from torchliner.velocity.reading import reading_of, take_moments
-from torchliner.velocity.review import review_rule
+from torchliner.velocity.review import fallen_back
 
 NAMED = {"method": GRID_METHODS, "correction": CORRECTIONS, "window": STATION_WINDOWS, "flagged": FLAGGED}
 OF_PLANES = {"averaging": "admittance", "background": None, "missing": "refuse"}  # what a single place has
@@ -111,7 +111,7 @@ def educe_station(
     ``own`` are from bursts to segments, ``choices`` of the eduction; see ``educe_bursts``.
     """
     liner, station = liner.in_flow(record.mach), Station.of(record, own.filters)
-    wanted = stated_frequency(frequency, record.frequency, record.name)
+    wanted = frequency_tensor(frequency, record=record).cpu()
     if choices.phase == "given" and reference is None and reference_phase is None:
         raise ValueError("phase='given' needs a reference channel, or reference_phase in rad")
     plane, grid, hop, attenuation, corrected, notes = cut_into_segments(station.kept, wanted, own)
@@ -125,7 +125,7 @@ def educe_station(
     coherence = each if reference is not None else each.mean(0)
     held = ((each >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
     psi = phases + (reference_phase or 0.0)
-    reviewed = (*known.notes, *review_rule(held, choices))
+    reviewed = (*known.notes, *fallen_back(held, choices))
     notes = [*station.kept.notes, *(note.text for note in reviewed), *notes]
     for f, square in zip(wanted.tolist(), coherence.tolist(), strict=True):
         if reference is not None and square < NO_TONE:
@@ -239,7 +239,7 @@ def segment_means(
     shifts = rate / samples * torch.tensor(list(orders), dtype=torch.float64)  # Hz, (Q,)
     shares = torch.tensor(list(orders.values()), dtype=torch.float64)
     read = frequency[:, None] - shifts  # Hz, (F, Q)
-    nodes = choose_nodes([liner], read.flatten(), TOLERANCES[choices.working(plane.device, plane.velocity.dtype)[1]])
+    nodes = choose_nodes([liner], read.flatten(), TOLERANCES[choices.working(plane.velocity)[1]])
     reading = reading_of(plane, [liner], frequency, dataclasses.replace(choices, interval=None), nodes=nodes)
     blocks = reading.blocks
     if window == "hann":  # over all samples, whole periods or not

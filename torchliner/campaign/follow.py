@@ -20,6 +20,7 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_positive
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments, ReducedVelocity, without_velocity
+from torchliner.engine.nodes import Levels
 from torchliner.engine.sums import Held, reduce
 from torchliner.engine.survey import survey_of
 from torchliner.io.planes import read_plane
@@ -133,7 +134,8 @@ class GrowingMoments:
         reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
         seen = survey_of(self._rows[SURVEY], blocks, reading.lines, reading.harmonics)
         known = reading.moments(seen, None, self._rows)
-        refuse_beyond_table(known.plane, known)
+        if isinstance(known.nodes, Levels):
+            refuse_beyond_table(known.plane, known, known.nodes.kinks[-1])
         return known
 
     def educe(self, liner: Liner, frequency: Any = None, **choices: Any) -> ImpedanceMap:

@@ -95,12 +95,14 @@ def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
     gram = seen.gram[:, rows][:, :, rows]
     whole, *each = torch.linalg.pinv(torch.cat([gram.sum(0)[None], gram]), hermitian=True, rtol=1e-9).to(seen.sums)
     fit = whole @ seen.sums.sum(0)[rows]
-    periodic = cells.away(fit)
+    inside = cells.labels < cells.count  # d is 0 at probes of no cell
+    periodic = fit * inside - cells.spread(cells.mean(fit))
     if count < FEWEST_BLOCKS:
         return fit, periodic, fit.new_ones(1 + harmonics, cells.count)
     first = before = total = squares = products = torch.zeros_like(fit)
     for block in range(count):  # one after another, never held together
-        now = cells.away(each[block] @ seen.sums[block, rows])
+        now = each[block] @ seen.sums[block, rows]
+        now = now * inside - cells.spread(cells.mean(now))
         first = first if block else now
         total, squares, products = total + now, torch.addcmul(squares, now, now), torch.addcmul(products, now, before)
         before = now

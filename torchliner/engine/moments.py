@@ -6,7 +6,7 @@ blocks one after another.
 
 from __future__ import annotations
 
-import dataclasses
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,9 +56,10 @@ class ReducedVelocity:
 
 
 def without_velocity(plane: VelocityPlane) -> VelocityPlane:
-    """All else that is stated of a plane."""
-    left = ReducedVelocity(tuple(plane.velocity.shape), plane.velocity.dtype, plane.name)
-    return dataclasses.replace(plane, velocity=left, streamwise=None)
+    """All else that is stated of a plane, which was checked when it was made."""
+    left, shape = copy.copy(plane), tuple(plane.velocity.shape)
+    vars(left).update(velocity=ReducedVelocity(shape, plane.velocity.dtype, plane.name), streamwise=None)
+    return left
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -79,8 +79,8 @@ class PlaneRecord:
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P)."""
         read: Iterable[Tensor] = (self.plane.read(*each) for each in bounds)
-        if self.plane.stored is not None:
-            read = read_ahead(self.plane.stored, bounds, self.device, self.alive)
+        if not isinstance(self.plane.velocity, Tensor):
+            read = read_ahead(self.plane.velocity, bounds, self.device, self.alive)
         for slab in read:
             here = slab.to(self.device, self.dtype)
             yield here if self.excluded is None else here.masked_fill(self.excluded, 0)

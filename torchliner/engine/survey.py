@@ -77,10 +77,6 @@ class Membership:
         """The value of its cell at each probe, 0 at probes of no cell: (..., C) to (..., P)."""
         return torch.nn.functional.pad(of_cells, (0, 1)).index_select(-1, self.labels)
 
-    def away(self, values: Tensor) -> Tensor:
-        """What deviates from the mean over the cell, 0 at probes of no cell, (..., P)."""
-        return values * (self.labels < self.count) - self.spread(self.mean(values))
-
 
 @dataclass(frozen=True, eq=False)
 class Survey:

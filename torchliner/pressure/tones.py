@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS, stated_frequency
+from torchliner.checks import FEWEST_PERIODS, frequency_tensor
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH, Conversion, jackknife, replicates
 from torchliner.records import Interval, PressureRecord
@@ -85,7 +85,7 @@ class Tones:
             raise TypeError(f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)")
         if self.interval is not None and not 0 < self.interval < 1:
             raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1 (95 % is 0.95)")
-        wanted = stated_frequency(self.frequency, record.frequency, record.name, record.sampling_rate)
+        wanted = frequency_tensor(self.frequency, record.sampling_rate, record=record).cpu()
         object.__setattr__(self, "frequency", wanted)
         if not 0 <= self.start < record.duration:
             raise ValueError(f"start is {self.start:g} s; {record.name} lasts {record.duration:g} s")

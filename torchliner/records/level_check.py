@@ -63,13 +63,13 @@ class LevelCheck:
     def verdict(self, averaging: str, index: int = 0) -> str:
         """Of the whole at one frequency: ``passes``, ``fails``, or ``inconclusive`` where the interval reaches back
         into the limit (that of the phase is as large an error of Z); "" where there is nothing to compare."""
-        here, found = self.liner.at(self.averagings.index(averaging), index), []
-        for name, most in (("level", self.limit), ("phase", self.limit * DEGREES_PER_DB)):
-            if (value := here[name]) is not None:
-                low, high = here[f"{name}_low"], here[f"{name}_high"]
-                low, high = (value, value) if low is None or high is None else (low, high)
+        place, found = (self.averagings.index(averaging), index), []
+        level, phase = torch.stack([value[place] for value in vars(self.liner).values()]).unflatten(0, (2, 3)).tolist()
+        for (value, low, high), most in ((level, self.limit), (phase, self.limit * DEGREES_PER_DB)):
+            if math.isfinite(value):
+                low, high = (low, high) if math.isfinite(low) and math.isfinite(high) else (value, value)
                 found.append(PASSES if abs(value) <= most else FAILS if low > most or high < -most else INCONCLUSIVE)
-        if here["level"] is None:
+        if not math.isfinite(level[0]):
             return ""
         return next(word for word in (FAILS, INCONCLUSIVE, PASSES) if word in found)
 

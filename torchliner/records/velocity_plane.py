@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from torchliner.checks import real_tensor, require_positive, stated_frequency, tell
+from torchliner.checks import frequency_tensor, real_tensor, require_positive, tell
 from torchliner.names import resolve
 from torchliner.records.case import AtProbes, signal_tensor
 from torchliner.records.cells import Holes
@@ -111,7 +111,7 @@ class VelocityPlane(Drawn, AtProbes):
         Raises:
             ValueError: neither is known, or one is at or above half the sampling rate.
         """
-        return stated_frequency(frequency, self.frequency, self.name, self.sampling_rate)
+        return frequency_tensor(frequency, self.sampling_rate, record=self).cpu()
 
     def read(self, begin: int, end: int) -> Tensor:
         """Samples begin .. end - 1 of every probe, (t, P); a view where the layout allows."""

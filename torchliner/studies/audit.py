@@ -35,8 +35,8 @@ from torchliner.studies.variants import (
     read_again,
     read_for,
 )
-from torchliner.velocity.answer import answer
-from torchliner.velocity.choices import Choices
+from torchliner.velocity.answer import answer, fitting
+from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.reading import Progress
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 
@@ -86,12 +86,14 @@ def audit(
     others, skipped = _other_liners(model)
     if isinstance(record, Moments):
         chosen, known = dataclasses.replace(chosen, averaging=record.settings["averaging"]), record
-        require_choice(f"averaging of moments reduced with {chosen.averaging!r}:", averaging, chosen.averagings)
+        require_choice(
+            f"averaging of moments reduced with {chosen.averaging!r}:", averaging, COMPUTED[chosen.averaging]
+        )
     else:
         turns = (2 * float(asked[0]), plane.sampling_rate / 2)
         known, nodes = read_for(record, [model, *others.values()], asked, chosen, turns, progress)
     with torch.no_grad():
-        found = answer(known, model, asked, chosen)
+        found = answer(known, model, asked, fitting(known, model, asked, chosen))
     z = complex(found.liner[averaging].impedance[0])
     if not math.isfinite(abs(z)):
         raise ValueError(
@@ -104,7 +106,7 @@ def audit(
             variants += make(base, asked)  # those before a reason stay
         except ValueError as reason:
             skipped[factor] = str(reason)
-    rest = [name for name in base.chosen.averagings if name != averaging]
+    rest = [name for name in COMPUTED[chosen.averaging] if name != averaging]
     variants += [_vary(base, "averaging", name, averaging=name) for name in rest]
     if base.chosen.drive != "rms":  # which the survey knows
         variants.append(_vary(base, "drive", "rms", drive="rms", running_window=None))

@@ -17,7 +17,7 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.educed import Educed, Interval
 from torchliner.studies.variants import Row, Study, plane_of, read_for
-from torchliner.velocity.answer import answer
+from torchliner.velocity.answer import answer, fitting
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress
 
@@ -163,7 +163,8 @@ def compare_models(
     if isinstance(known, VelocityPlane):
         known, _ = read_for(known, [*models.values()], lines, chosen, (), progress)
     with torch.no_grad():
-        maps = {name: answer(known, model, lines, chosen, reference_phase) for name, model in models.items()}
+        ways = {name: fitting(known, model, lines, chosen) for name, model in models.items()}
+        maps = {name: answer(known, model, lines, ways[name], reference_phase) for name, model in models.items()}
     first, *others = maps.values()
     shared = [note for note in first.notes if all(note in each.notes for each in others)]
     notes += [note.text for note in shared if note.code != "level-check"]

@@ -128,7 +128,7 @@ def read_for(
 
     ``turns``: Hz, of waves that the sums are weighed with beside those of the phase rule.
     """
-    nodes = choose_nodes(liners, frequency, TOLERANCES[chosen.working(plane.device, plane.velocity.dtype)[1]])
+    nodes = choose_nodes(liners, frequency, TOLERANCES[chosen.working(plane.velocity)[1]])
     reading = reading_of(plane, [], frequency, chosen, cell_pitch=liners[0].cell_pitch, nodes=nodes)
     turned = torch.cat([reading.turns, reading.turns.new_tensor([*turns])])
     return take_moments(dataclasses.replace(reading, turns=turned), progress=progress), nodes

@@ -21,7 +21,7 @@ from torchliner.records.origin import origin_of
 from torchliner.velocity import review, sound
 from torchliner.velocity.averages import Averages, average
 from torchliner.velocity.background import widened, with_background
-from torchliner.velocity.choices import Choices
+from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.level_check import check_level
 
 STATED = ("x", "z", "height", "fluid", "mach", "incident_level", "source_side", "title", "holes")
@@ -36,16 +36,13 @@ def answer(
     pressure: Any = None,
     ends: Sequence[Moments] = (),
 ) -> ImpedanceMap:
-    """The map from moments; arguments as of ``educe``; ``ends``: moments with both bounds of the background.
+    """The map from moments that fit what is asked; arguments as of ``educe``.
 
-    Raises:
-        ValueError: the moments do not fit what is asked.
+    ``chosen``: those with which the plane was read just now, or of ``fitting``; ``ends``: moments with both bounds of
+    the background.
     """
-    plane, liner = known.plane, liner.in_flow(known.plane.mach)
-    review.require_periods(plane, frequency, chosen)
-    chosen = with_background(plane, chosen, liner, known.cell_pitch)
-    require_fitting(known, liner, frequency, chosen)
-    found = {name: average(known, liner, frequency, chosen, name, reference_phase) for name in chosen.averagings}
+    plane, liner, names = known.plane, liner.in_flow(known.plane.mach), COMPUTED[chosen.averaging]
+    found = {name: average(known, liner, frequency, chosen, name, reference_phase) for name in names}
     if ends:
         own = found["phase-locked"]
         others = [average(each, liner, frequency, chosen, "phase-locked", reference_phase) for each in ends]
@@ -82,6 +79,19 @@ def answer(
     )
 
 
+def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> Choices:
+    """Choices, with their background measured, by which moments that were made before answer.
+
+    Raises:
+        ValueError: the moments do not fit what is asked.
+    """
+    liner = liner.in_flow(known.plane.mach)
+    review.require_periods(known.plane, frequency, chosen)
+    chosen = with_background(known.plane, chosen, liner, known.cell_pitch)
+    require_fitting(known, liner, frequency, chosen)
+    return chosen
+
+
 def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> None:
     """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on.
 
@@ -93,7 +103,7 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
     wanted = chosen.describe() | {"running_window": chosen.window(frequency)}
     again = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
     again |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()
-    again |= set() if "phase-locked" in chosen.averagings else {"background"}
+    again |= set() if chosen.averaging == "phase-locked" else {"background"}
     for key, made in known.settings.items():
         if wanted[key] != made and key not in again:
             remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
@@ -153,7 +163,7 @@ def map_of(
         cell_weight=known.cells.weight,
         wall=None if first.wall is None else on_probes(first.wall),
         reference=dict(plane.reference),
-        goodrich=goodrich_of(plane, liner, frequency),
+        goodrich=goodrich_of(plane, liner, frequency) if plane.mach else None,
         **parts,
         **{name: getattr(plane, name) for name in STATED},
         **about,
@@ -192,7 +202,7 @@ def facts_of(
         "nodes": None if known.nodes is None else vars(known.nodes),
         "model_error": error,
     }
-    if locked is not None and "phase-locked" in chosen.averagings:
+    if locked is not None and chosen.averaging == "phase-locked":
         cells, scale = known.membership, locked.scale
         mean = 1.0 if scale is None else float((cells.mean(scale) * cells.sizes).sum() / cells.sizes.sum())
         facts |= {"phase_locked_lines": locked.lines.tolist(), "phase_locked_share": locked.share.mean(1).tolist()}

@@ -257,12 +257,12 @@ def fold(
         for each in (sums, numbers[:, None])
     )
     averages = reflection_from_admittance(sums / torch.where(number > 0, number, torch.nan))
-    joined, probes = educed(averages), None
+    joined, probes, nan = educed(averages), None, {True: complex(math.nan, math.nan), False: math.nan}
     if found:
-        intervals = [each.interval for each in found if each.interval is not None]
-        of_all = Educed(torch.cat([e.reflection for e in found]), Interval.joined(intervals) if intervals else None)
-        left_out, nan = ~cells.used[:, None], complex(math.nan, math.nan)
-        probes = of_all.map(lambda value: value.masked_fill(left_out, nan if value.is_complex() else math.nan))
+        tensors = [[each.reflection, *(vars(each.interval).values() if each.interval else ())] for each in found]
+        whole = (torch.cat(each) for each in zip(*tensors, strict=True))
+        value, *bounds = (each.masked_fill(~cells.used[:, None], nan[each.is_complex()]) for each in whole)
+        probes = Educed(value, Interval(*bounds) if bounds else None)
     return Averages(
         probes=probes,
         cells=joined.map(lambda value: value[1 : 1 + cells.count]),

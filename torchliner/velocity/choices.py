@@ -20,6 +20,8 @@ RANGES = {
     "level_limit": (0, 1e3, " dB; it is 0 to 1000 dB"),
     "level_uncertainty": (0, 1e3, " dB; it is 0 to 1000 dB"),
 }
+# Those that are computed, by the one that is asked for.
+COMPUTED = {name: tuple(AVERAGINGS)[: 3 if name == "phase-locked" else 2] for name in AVERAGINGS}
 TOLERANCES = {torch.float32: 1e-6, torch.float64: 1e-9}  # error in R of the model table
 
 
@@ -99,12 +101,7 @@ class Choices:
             require_positive("running_window", self.running_window)
             if self.drive != "running-rms":
                 raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
-        self.working(torch.device("cpu"), torch.float64)
-
-    @property
-    def averagings(self) -> tuple[str, ...]:
-        """Those that are computed."""
-        return tuple(AVERAGINGS) if self.averaging == "phase-locked" else tuple(AVERAGINGS)[:2]
+        self.working(torch.empty(0, dtype=torch.float64))
 
     def window(self, frequency: Tensor) -> float | None:
         """Length of the running rms, s: by default a period of the lowest frequency asked for, Hz, (F,)."""
@@ -112,15 +109,15 @@ class Choices:
             return self.running_window
         return 1 / float(frequency.min())
 
-    def working(self, device: torch.device, dtype: torch.dtype) -> tuple[torch.device, torch.dtype]:
-        """Device and precision that were asked for, else those given, of the data.
+    def working(self, velocity: Any) -> tuple[torch.device, torch.dtype]:
+        """Device and precision that were asked for, else those of the data; the CPU for data in a file.
 
         Raises:
             ValueError: a device that does not exist here; neither float32 nor float64.
         """
-        found, wanted = None, dtype if self.dtype is None else self.dtype
+        found, wanted = None, velocity.dtype if self.dtype is None else self.dtype
         with contextlib.suppress(RuntimeError, TypeError):
-            found = torch.device(device if self.device is None else self.device)
+            found = torch.device(getattr(velocity, "device", "cpu") if self.device is None else self.device)
         if found is None or found.type not in ("cpu", "cuda", "meta"):
             raise ValueError(f"unknown device {self.device!r}; use 'cpu', 'cuda' or 'cuda:1'")
         if found.type == "cuda" and (found.index or 0) >= torch.cuda.device_count():

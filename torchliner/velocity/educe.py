@@ -14,7 +14,7 @@ from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
-from torchliner.velocity.answer import answer
+from torchliner.velocity.answer import answer, fitting
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.level_matched import match_level
 from torchliner.velocity.reading import Progress, reading_of, take_moments
@@ -67,6 +67,7 @@ def educe(
         if chosen.level_matched:
             raise ValueError(f"level_matched reads {plane.plane.name} several times; give the plane, not its moments")
         known, asked = plane, plane.plane.asked(frequency)
+        chosen = fitting(known, model, asked, chosen)
     else:
         reading = reading_of(plane, [model], frequency, chosen, projected=True)
         known, asked, chosen = take_moments(reading, progress=progress), reading.frequency, reading.chosen

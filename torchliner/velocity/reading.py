@@ -83,7 +83,7 @@ class Reading(Layout):
             return jobs
         measure, onto = self.nodes.sums, self.onto
         own = measure if onto is None else (lambda weights, columns: onto @ measure(weights, columns))
-        window, reach = self.chosen.window(self.frequency), 0
+        window, reach = self.chosen.running_window, 0
         lines = self.turns.to(self.device) if len(self.turns) else None
         if window is not None:
             steps, samples = max(1, round(window * self.plane.sampling_rate)), self.plane.samples
@@ -98,7 +98,7 @@ class Reading(Layout):
 
     def moments(self, seen: Survey, locked: Drive | None, found: Found) -> Moments:
         """The record of what the readings found."""
-        stated = self.chosen.describe() | {"running_window": self.chosen.window(self.frequency)}
+        stated = self.chosen.describe()
         layout = {each.name: getattr(self, each.name) for each in dataclasses.fields(Layout)}
         return Moments(
             **layout | {"plane": without_velocity(self.plane)},
@@ -146,10 +146,12 @@ def reading_of(
         )
     liners = [liner.in_flow(plane.mach) for liner in liners]
     first, asked = liners[0] if liners else None, plane.asked(frequency)
-    device, dtype = chosen.working(plane.device, plane.velocity.dtype)
+    device, dtype = chosen.working(plane.velocity)
     pitch, rate, probes = cell_pitch if first is None else first.cell_pitch, plane.sampling_rate, plane.probes
     review.require_periods(plane, asked, chosen)
     chosen = with_background(plane, chosen, first, pitch)
+    if chosen.drive == "running-rms":
+        chosen = dataclasses.replace(chosen, running_window=chosen.window(asked))
     onto = None
     if not summed or chosen.drive == "rms":
         nodes = None
@@ -169,7 +171,7 @@ def reading_of(
     turns = asked[:0] if chosen.phase == "averaged" else 2 * asked
     # Numbers of a block: lines of each probe, and sums of each column.
     size = (0 if nodes is None else nodes.count if onto is None else len(onto)) * (1 + 2 * len(turns))
-    size *= (1 + ("phase-locked" in chosen.averagings)) * probes + cells.count
+    size *= (1 + (chosen.averaging == "phase-locked")) * probes + cells.count
     most = MOST_OF_SUMS // (8 * ((1 + 2 * len(lines)) * probes + size))
     tone = plane.frequency or float(asked.min())
     blocks = Blocks.of(plane.samples, rate, tone, min(MOST_BLOCKS, max(FEWEST_BLOCKS, most)))
@@ -208,7 +210,7 @@ def take_moments(
     """
     # Of what was imported there are no files, so that a run may add frames.
     plane, cells, locked = reading.plane, reading.cells, None
-    files = getattr(plane.stored, "files", ())
+    files = getattr(plane.velocity, "files", ())
     before = [state_of(path) for path in files]
     first = reading.run(reading.jobs(), run, progress)
     if reading.chosen.missing == "exclude":
@@ -220,7 +222,7 @@ def take_moments(
             first = reading.run(reading.jobs(), run, progress)
     seen = survey_of(first[SURVEY], reading.blocks, reading.lines, reading.harmonics)
     background, members = reading.chosen.background, reading.membership
-    if "phase-locked" in reading.chosen.averagings:
+    if reading.chosen.averaging == "phase-locked":
         locked = phase_locked(seen, members, None if background is None else background.scale(seen, members))
     second = reading.run(reading.jobs(seen, locked), run, progress)
     if [state_of(path) for path in files] != before:

@@ -81,7 +81,7 @@ def review_reading(
 ) -> Iterator[Note]:
     """What is known to be doubtful before any sample is read: no tone, one cell of all, a short record, a background
     of another height."""
-    locked, quiet, name = "phase-locked" in chosen.averagings, chosen.background, plane.name
+    locked, quiet, name = chosen.averaging == "phase-locked", chosen.background, plane.name
     if locked and plane.frequency is None and len(frequency) > 1:
         text = f"{name} states no tone, and {len(frequency)} frequencies are asked for: of v only the mean is averaged"
         yield Note("no-stated-tone", f"{text} over the cells; state frequency= of the data")
@@ -126,7 +126,8 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterat
             f"{_place(plane, probe)}, sample {first_fault(plane, seen.blocks, probe)}; repair them, or leave such "
             "probes out with missing='exclude' (--missing exclude)"
         )
-    refuse_beyond_table(plane, known)
+    if isinstance(known.nodes, Levels):
+        refuse_beyond_table(plane, known, known.nodes.kinks[-1])
     sound, peak = float(plane.fluid.sound_speed), float(seen.peak.max())
     if peak > sound:
         text = f"|v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; check the unit of the data"
@@ -164,19 +165,17 @@ def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
     raise ValueError(f"{plane.name}: sums of v^2 at probe {probe} are beyond the range of numbers; check the unit")
 
 
-def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
-    """Refuse |v| at which the liner of these moments has no R.
+def refuse_beyond_table(plane: VelocityPlane, known: Moments, top: float) -> None:
+    """Refuse |v| above ``top``, m/s, where the table of these moments ends and their sums are nan.
 
     Raises:
         ValueError: beyond its table.
     """
-    if not isinstance(known.nodes, Levels):
-        return
     for averaging in (name for name in known.sums if name in AVERAGINGS):
         beyond = torch.isnan(known.sums[averaging].sum((0, 1, 2))).cpu()
         if bool(beyond.any()):
             first = int(beyond.nonzero()[0])
-            peak, top = float(survey_of_columns(known, averaging).peak[first]), known.nodes.kinks[-1]
+            peak = float(survey_of_columns(known, averaging).peak[first])
             place = f"cell {first}" if averaging == "velocity" else f"probe {_place(plane, first)}"
             remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
             raise ValueError(
@@ -212,11 +211,12 @@ def review_table(known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor
     return error, [Note("model-table", f"{text}: {remedy}", most)] if error > DOUBTFUL_MODEL_ERROR else []
 
 
-def review_rule(held: Tensor, chosen: Choices) -> Iterator[Note]:
-    """How many values fell back to ``averaged``, bool (P, F)."""
-    if chosen.phase == "self-consistent" and not bool(held.all()):
-        text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {chosen.minimum_coherence:g}"
-        yield Note("phase-fell-back", f"self-consistent phase: {text} with the tone; they are 'averaged' instead")
+def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
+    """How many values the phase rule ``self-consistent`` could not hold, bool (P, F)."""
+    if bool(held.all()):
+        return []
+    text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {chosen.minimum_coherence:g}"
+    return [Note("phase-fell-back", f"self-consistent phase: {text} with the tone; they are 'averaged' instead")]
 
 
 def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Tensor, chosen: Choices) -> Iterator[Note]:
@@ -236,7 +236,8 @@ def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Ten
         if plane.frequency is not None and abs(f / plane.frequency - 1) > SAME_FREQUENCY:
             text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
         yield Note("wall-filter", text)
-    yield from review_rule(paper.held, chosen)
+    if chosen.phase == "self-consistent":
+        yield from fallen_back(paper.held, chosen)
     if (interval := chief.interval) is None:
         return
     runs, width = float(interval.runs.min()), float(interval.widths.max())

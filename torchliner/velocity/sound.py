@@ -102,7 +102,7 @@ def review_sound(
         peak = float(cells.mean(seen.tone(frequency[place])[0, :, 0]).abs().mean())
         ratio = peak / (porosity * plane.mach * float(plane.fluid.sound_speed))
         ratio = ratio if math.isfinite(ratio) else None
-    found, facts = sound_of(known) if "phase-locked" in chosen.averagings else None, {"velocity_ratio": ratio}
+    found, facts = sound_of(known) if chosen.averaging == "phase-locked" else None, {"velocity_ratio": ratio}
     if found is None or plane.frequency is None:
         return notes, facts
     sound, other = found, (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
