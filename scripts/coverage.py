@@ -106,7 +106,8 @@ def true_impedance(liner: LinerModel, tone: float) -> complex:
 def summary(parts: Sequence[Educed], true: complex) -> dict[str, object]:
     """Share of intervals that hold the known value, their median widths, and the mean error of the values in their own
     standard deviations."""
-    interval = Interval.joined([part.interval.map(Tensor.flatten) for part in parts if part.interval is not None])
+    flat = (part.map(Tensor.flatten).interval for part in parts)
+    interval = Interval.joined([each for each in flat if each is not None])
     value = torch.cat([part.impedance.flatten() for part in parts])
     low, high, off = (torch.view_as_real(each - true).T for each in (interval.low, interval.high, value))
     numbers = {"{} inside (%)": 100 * ((low <= 0) & (high >= 0)).double().mean(1)}

@@ -36,7 +36,7 @@ from torchliner.records import ImpedanceLine, Interval, LevelCheck, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
 from torchliner.records.level_check import level_check_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.level_check import INCIDENT, implied_pressure, stated_pressure, turned_back
+from torchliner.velocity.level_check import INCIDENT, KnownPressure, stated_pressure, turned_back
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 SEED = 0  # of the Monte Carlo
@@ -128,9 +128,7 @@ def interval_of(value: Tensor, found: Scatter, level: float, conversion: Convers
     """Interval of Z from the scatter of what it is made of, a value (...), and how far that is off in the mean."""
     power, square, runs = found
     quantile = torch.from_numpy(stdtrit((runs - 1).clamp(min=1).numpy(), 0.5 + level / 2))
-    middle, off, power, square, quantile, runs = map(torch.flatten, (value, bias, power, square, quantile, runs))
-    flat = intervals.impedance_interval(middle, off, power, square, quantile, runs, conversion)
-    return flat.map(lambda each: each.reshape(value.shape))
+    return intervals.impedance_interval(value, bias, power, square, quantile, runs, conversion)
 
 
 def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
@@ -156,7 +154,8 @@ def line_level_check(line: ImpedanceLine, choices: Choices) -> LevelCheck | str:
     # The whole line first, then its stations.
     z, velocity = torch.cat([line.average.impedance[None], line.impedance]), torch.cat([mean[None], own])
     height = torch.cat([line.y[used].nanmean()[None], line.y]).nan_to_num()[:, None] * (kind == INCIDENT)
-    ratio = implied_pressure(kind, line.fluid, line.frequency, height, z, velocity) / pressure
+    known = KnownPressure(line.fluid, line.frequency, kind, words, pressure.expand(len(z), -1), height=height)
+    ratio = known.ratio(z, velocity)
     ends, bounds = None, (line.average.interval, line.interval)
     if choices.interval is not None and bounds[0] is not None and bounds[1] is not None:
         of_z = torch.cat([bounds[0].standard_error[None], bounds[1].standard_error])

@@ -24,7 +24,7 @@ from torchliner.cli.work import (
 )
 from torchliner.io.plane_writer import write_plane
 from torchliner.io.planes import format_of, paths_of
-from torchliner.records.notes import plane_unit_warnings
+from torchliner.records.notes import plane_notes
 from torchliner.report.curves import draw_velocity
 from torchliner.report.inspection import inspect_moments, inspect_plane
 
@@ -70,7 +70,7 @@ def convert(options: argparse.Namespace) -> None:
     if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
         plane = plane.scaled(options.scale_length, options.scale_velocity)
     plane = replace(plane, **options.facts, provenance={**plane.provenance, "file": options.plane.name})
-    tell(plane_unit_warnings(plane, plane.frequency))
+    tell([note.text for note in plane_notes(plane, plane.frequency)])
     size = plane.velocity.dtype.itemsize * plane.probes * plane.samples * (1 if plane.streamwise is None else 2)
     with progress_bar(size, options, unit="B") as step:
         write_plane(plane, options.output, progress=step)

@@ -84,16 +84,14 @@ def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversi
         level: of the interval, 0 to 1.
         conversion: from ``values`` to Z, the reflection coefficient unless stated.
     """
-    shape, count = values.shape[1:], len(shares)
-    value = values[0].flatten()
+    value, count = values[0], len(shares)
     power, square, lengths = scatter(values[1 : 1 + count].flatten(1), shares)
     possible = torch.arange(1, count + 1, dtype=torch.float64)
     student = torch.from_numpy(stdtrit((count / possible - 1).clamp(min=1).numpy(), 0.5 + level / 2))
     weight = torch.stack([1 - quarter.sum() for quarter in shares.tensor_split(QUARTERS)])
-    bias = (weight[:, None] * (values[1 + count :].flatten(1) - value)).sum(0)
+    bias = (weight[:, None] * (values[1 + count :] - value).flatten(1)).sum(0)
     quantile = student.to(value.device)[lengths - 1]
-    found = impedance_interval(value, bias, power, square, quantile, count / lengths.double(), conversion)
-    return found.map(lambda each: each.reshape(shape))
+    return impedance_interval(value, bias, power, square, quantile, count / lengths.double(), conversion)
 
 
 def scatter(left: Tensor, shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -128,13 +126,15 @@ def scatter(left: Tensor, shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 def impedance_interval(
     value: Tensor, bias: Tensor, power: Tensor, square: Tensor, quantile: Tensor, runs: Tensor, conversion: Conversion
 ) -> Interval:
-    """Bounds of Z and its standard error, (N,); infinite where the record does not bound Z.
+    """Bounds of Z and its standard error, of one shape; infinite where the record does not bound Z.
 
     Args:
-        value: complex128, (N,); bias: what it is off in the mean; the bounds are without it.
+        value: complex128, (...); bias: what it is off in the mean; the bounds are without it.
         power, square: E|d|^2 and E[d^2] of its scatter d.
         quantile: of Student's distribution.  runs: independent runs of the record.  conversion: to Z.
     """
+    shape = value.shape
+    value, bias, power, square, quantile, runs = map(torch.flatten, (value, bias, power, square, quantile, runs))
     middle = value - bias
     # d = e^{jt} (long cos a + j short sin a), t half the angle of E[d^2].
     long, short = (quantile * ((power + sign * square.abs()).clamp(min=0) / 2).sqrt() for sign in (1, -1))
@@ -158,7 +158,8 @@ def impedance_interval(
     turned = (slope**2 * square).real
     error = (slope.abs() ** 2 * power + torch.stack([turned, -turned])).clamp(min=0).div(2).sqrt()
     low, high = torch.complex(bounds[0], bounds[2]), torch.complex(bounds[1], bounds[3])
-    return Interval(low, high, torch.complex(*error), runs.expand_as(error[0]), conversion.impedance(value) - z)
+    found = (low, high, torch.complex(*error), runs.expand_as(z), conversion.impedance(value) - z)
+    return Interval(*(each.reshape(shape) for each in found))
 
 
 def _extremes(factor: Tensor, axes: Tensor) -> Tensor:

@@ -53,7 +53,7 @@ class Membership:
     @classmethod
     def of(cls, cells: Cells, used: Tensor, device: torch.device) -> Membership:
         """From cells that each hold a probe, and the probes that count, bool, (P,), on the host."""
-        labels, count = cells.labels, cells.count
+        labels, count = cells.labels, len(cells.x)
         sizes = torch.bincount(labels[labels >= 0], minlength=count)
         most = int(sizes.max())
         order = torch.argsort(labels, stable=True)[int((labels < 0).sum()) :]

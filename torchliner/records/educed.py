@@ -33,10 +33,6 @@ class Interval:
     runs: Tensor = var(name="interval_runs", wide=True, text="number of independent runs of the record")
     bias: Tensor = var(name="{}_bias", wide=True, text="bias, taken off the bounds alone,")
 
-    def map(self, function: Callable[[Tensor], Tensor]) -> Interval:
-        """The same with every field put through a function."""
-        return Interval(*(function(value) for value in vars(self).values()))
-
     @property
     def widths(self) -> Tensor:
         """Of R and of X, float64, (2, ...): a complex difference of infinite bounds is nan."""
@@ -102,7 +98,8 @@ class Educed:
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Educed:
         """The same with every tensor put through a function, such as a selection of places."""
-        return Educed(function(self.reflection), None if self.interval is None else self.interval.map(function))
+        bounds = () if self.interval is None else vars(self.interval).values()
+        return Educed(function(self.reflection), Interval(*map(function, bounds)) if bounds else None)
 
     @classmethod
     def stacked(cls, several: Sequence[Educed]) -> Educed:

@@ -34,12 +34,14 @@ class Note:
         return self.text
 
 
-def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
-    """Why numbers of a plane may be in other units than Hz, m and dB, or not be meant.
+def plane_notes(plane: Any, frequency: float | None, cell_pitch: float | None = None) -> list[Note]:
+    """Why numbers of a plane may be in other units than Hz, m and dB, or not be meant; and whether it lies too high
+    above a liner to see its cells.
 
     Args:
         plane: a ``VelocityPlane``.
         frequency: the lowest that is asked for, Hz; None if none is.
+        cell_pitch: of the liner, m.
     """
     name, rate, spans = plane.name, plane.sampling_rate, []
     for key in "xz":
@@ -64,17 +66,14 @@ def plane_unit_warnings(plane: Any, frequency: float | None) -> list[str]:
             f"{name}: {rate / frequency:.4g} samples a period of {frequency:.6g} Hz, below {SAMPLES:g}: check sampling "
             "rate and frequency"
         )
-    return found
-
-
-def height_warnings(plane: Any, cell_pitch: float | None) -> list[str]:
-    """Whether a plane lies too high above a liner of that cell pitch (m) to see its cells."""
-    if cell_pitch is None or plane.height is None or plane.height <= cell_pitch:
-        return []
-    return [
-        f"{plane.name} lies {1e3 * plane.height:.4g} mm above the liner, more than its cell pitch of "
-        f"{1e3 * cell_pitch:.4g} mm: the velocity of the cells is hardly seen there"
-    ]
+    notes = [Note("units", text) for text in found]
+    if cell_pitch is not None and plane.height is not None and plane.height > cell_pitch:
+        text = (
+            f"{plane.name} lies {1e3 * plane.height:.4g} mm above the liner, more than its cell pitch of "
+            f"{1e3 * cell_pitch:.4g} mm: the velocity of the cells is hardly seen there"
+        )
+        notes.append(Note("height", text))
+    return notes
 
 
 def unit_warnings(name: str, level: Tensor, phase: Tensor, waves_per_metre: Tensor, length: float) -> tuple[str, ...]:

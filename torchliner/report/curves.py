@@ -58,7 +58,7 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
     if interval is None or interval.low.ndim != 2 or len(interval.low) != points:  # probes that share an x
         return None
     order = torch.arange(points) if result.x is None else result.x.argsort()
-    return interval.map(lambda value: value[order])
+    return Interval(*(value[order] for value in vars(interval).values()))
 
 
 def points_along_x(found: PointImpedances, frequency_index: int = 0) -> list[Row]:

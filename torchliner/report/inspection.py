@@ -16,7 +16,7 @@ from torchliner.engine.sums import Job, PlaneRecord, largest, linear, reduce
 from torchliner.engine.survey import Survey, survey_of, survey_sums
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
-from torchliner.records.notes import height_warnings, plane_unit_warnings
+from torchliner.records.notes import plane_notes
 from torchliner.records.slabs import slab_bounds
 from torchliner.velocity.reading import time_moments
 from torchliner.velocity.review import first_fault
@@ -59,9 +59,8 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     if bool((still & good).any()):
         failures.append(f"{int((still & good).sum())} of {plane.probes} probes are constant in time")
     found = _inspection(plane, survey_of(sums, blocks, tone, 0), good, failures)
-    failures += plane_unit_warnings(plane, plane.frequency)
-    if plane.liner in preset_names():
-        failures += height_warnings(plane, load_liner(plane.liner).cell_pitch)
+    pitch = load_liner(plane.liner).cell_pitch if plane.liner in preset_names() else None
+    failures += [note.text for note in plane_notes(plane, plane.frequency, pitch)]
     if plane.frequency is not None:
         periods = found.facts["periods of the tone"] = plane.frequency * plane.duration
         found.facts["samples per period"] = plane.sampling_rate / plane.frequency

@@ -205,7 +205,7 @@ def _held(run: Run, reference: Any, noise: Any) -> Run:
         pressures = known_pressure(run.known, run.frequency)
         if isinstance(pressures, str):
             raise ValueError(f"{plane.name} cannot be fitted to its level: {pressures}")
-        return replace(run, noise=NEPER * spread, ratio=ratio_of_pressures(pressures))
+        return replace(run, noise=NEPER * spread, ratio=ratio_of_pressures(run.known, pressures))
     if isinstance(reference, str):
         if reference not in plane.reference:
             there = ", ".join(plane.reference) or "none"

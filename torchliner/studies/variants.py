@@ -97,7 +97,7 @@ def evaluate(variants: Sequence[Variant], frequency: Tensor, base: Moments) -> l
     ``base`` has the velocity at the tone, for the level check.
     """
     pressure, rows = known_pressure(base, frequency), list[Row]()
-    ratio = None if isinstance(pressure, str) else ratio_of_pressures(pressure)
+    ratio = None if isinstance(pressure, str) else ratio_of_pressures(base, pressure)
     for variant in variants:
         found = variant.averages(frequency).liner
         z = found.impedance.cpu()

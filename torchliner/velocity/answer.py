@@ -20,9 +20,10 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
 from torchliner.velocity import review, sound
 from torchliner.velocity.averages import Averages, average
-from torchliner.velocity.background import widened, with_background
+from torchliner.velocity.background import widened
 from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.level_check import check_level
+from torchliner.velocity.reading import settled
 
 STATED = ("x", "z", "height", "fluid", "mach", "incident_level", "source_side", "title", "holes")
 
@@ -86,8 +87,7 @@ def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choice
         ValueError: the moments do not fit what is asked.
     """
     liner = liner.in_flow(known.plane.mach)
-    review.require_periods(known.plane, frequency, chosen)
-    chosen = with_background(known.plane, chosen, liner, known.cell_pitch)
+    chosen = settled(known.plane, chosen, frequency, liner, known.cell_pitch)
     require_fitting(known, liner, frequency, chosen)
     return chosen
 

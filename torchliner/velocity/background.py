@@ -26,7 +26,6 @@ from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.educed import Educed
-from torchliner.velocity.choices import Choices
 
 SAME = 0.02  # relative: heights, spacings and Mach numbers that differ by less are the same
 HALF = 0.5  # of a hole diameter: the height at which the rms of a quiet run acts (docs/background.md)
@@ -64,23 +63,20 @@ class Background:
         return plain if self.source else self.rms[0]
 
 
-def with_background(plane: VelocityPlane, chosen: Choices, liner: LinerModel | None, pitch: float | None) -> Choices:
-    """Choices whose background is measured: a ``Background``, or None.
+def background_of(plane: VelocityPlane, given: Any, liner: LinerModel | None, pitch: float | None) -> Background:
+    """What is given as the choice ``background``, measured.
 
     Args:
         plane: with sound.  pitch: of the cells, m.  liner: whose holes count; None for moments of any liner.
-        chosen: whose ``background`` is a number, m/s, a plane without sound or its moments, or planes of several
-            heights, between which the rms is interpolated to half a hole diameter.
+        given: a number, m/s, a plane without sound or its moments, or planes of several heights, between which the rms
+            is interpolated to half a hole diameter.
     Raises:
         TypeError: something else.
         ValueError: a plane of another height, grid or flow, or with sound; no plane near half a hole diameter.
     """
-    given = chosen.background
-    if given is None or isinstance(given, Background):
-        return chosen
     if not isinstance(given, (VelocityPlane, Moments, list, tuple)):
         require_positive("background (m/s)", given)
-        return dataclasses.replace(chosen, background=Background((one_number("background", given),)))
+        return Background((one_number("background", given),))
     several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
     if not all(isinstance(each, VelocityPlane | Moments) for each in several):
         kinds = ", ".join(type(each).__name__ for each in several)
@@ -90,7 +86,7 @@ def with_background(plane: VelocityPlane, chosen: Choices, liner: LinerModel | N
     if len(known) > 1:
         diameter = None if liner is None else liner.hole_diameter
         found = _interpolated(known, HALF * diameter if diameter else plane.height)
-    return dataclasses.replace(chosen, background=found)
+    return found
 
 
 def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_height: bool) -> Background:

@@ -56,30 +56,34 @@ class KnownPressure:
     """Complex peak amplitudes at y = 0, Pa; nan at frequencies where nothing is known.
 
     Args:
-        moments, frequency: what they are put beside, and at which Hz, (F,).
+        fluid, frequency: of the data; Hz, (F,).
         kind, words: ``incident`` (of the incident wave) or ``wall`` (of the pressure itself); what it is compared with.
-        liner, cells: (F,), and (C, F) or the same above all, (F,).
+        pressure: of the whole plane and of each cell, (1 + C, F).
         has_phase: whether the phase is on the clock of the velocity.
-        height: from which the velocity is moved to the wall, m; None where it cannot be: no plane waves.
+        height: from which the velocity is moved to the wall, m, a number or (1 + C, 1); None where it cannot be: no
+            plane waves.
         replicates: of a recorded pressure over its value, from all blocks and without each, (B, 1 + C, F), liner first.
     """
 
-    moments: Moments
+    fluid: Fluid
     frequency: Tensor
     kind: str
     words: str
-    liner: Tensor
-    cells: Tensor
+    pressure: Tensor
     has_phase: bool = False
-    height: float | None = None
+    height: Any = None
     replicates: Tensor | None = None
 
     def ratio(self, z: Tensor, velocity: Tensor) -> Tensor:
         """Implied over known pressure, (..., 1 + C, F), the whole plane first, or of that alone, (..., 1, F): of
         impedances and of velocities into the liner (m/s) of this shape."""
-        places = torch.cat([self.liner[None], self.cells.expand(self.moments.cells.count, -1)])[: z.shape[-2]]
-        fluid, height = self.moments.plane.fluid, self.height or 0.0
-        return implied_pressure(self.kind, fluid, self.frequency, height, z, velocity) / places
+        height = 0.0 if self.height is None else self.height
+        angle = 2 * torch.pi * self.frequency / float(self.fluid.sound_speed) * height
+        at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
+        implied = z * at_wall
+        if self.kind == INCIDENT:
+            implied = (implied + at_wall[..., :1, :]) / 2
+        return float(self.fluid.characteristic_impedance) * implied / self.pressure[: z.shape[-2]]
 
 
 def check_level(
@@ -99,7 +103,7 @@ def check_level(
     known = known_pressure(moments, frequency, pressure)
     if isinstance(known, str):
         return None, known, []
-    velocity, ratios, bounds, name = cell_velocity(known), [], [], moments.plane.name
+    velocity, ratios, bounds, name = cell_velocity(moments, known), [], [], moments.plane.name
     for each in found.values():
         z = impedance_from_reflection(each.replicates.detach()).cpu()
         ratio = known.ratio(z, velocity[: len(z)])
@@ -112,7 +116,7 @@ def check_level(
             bounds.append(torch.stack([interval.low, interval.high]).masked_fill(unknown, torch.nan))
     ends = torch.stack(bounds, 1) if len(bounds) == len(ratios) else None
     about = {"averagings": tuple(found), "averaging": averaging, "known": known.words, "kind": known.kind}
-    check = level_check_of(torch.stack(ratios), ends, known.has_phase, known.liner, chosen, **about)
+    check = level_check_of(torch.stack(ratios), ends, known.has_phase, known.pressure[0], chosen, **about)
     of_answer = Gap(*(value[check.averagings.index(averaging)] for value in vars(check.liner).values()))
     sizes = change_that_passes(known, found[averaging].liner.impedance.detach().cpu(), of_answer).abs().tolist()
     texts = [check.sentence(averaging, f, i) for i, f in enumerate(frequency.tolist())]
@@ -130,17 +134,17 @@ def change_that_passes(known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
         z: of the whole plane, (F,).
         gap: implied over known pressure there, (F,).
     """
-    angle = 2 * torch.pi * known.frequency / float(known.moments.plane.fluid.sound_speed) * (known.height or 0.0)
+    angle = 2 * torch.pi * known.frequency / float(known.fluid.sound_speed) * (known.height or 0.0)
     cosine, sine, end = angle.cos(), angle.sin(), float(known.kind == INCIDENT)
     q = torch.polar(10 ** (gap.level / 20), torch.deg2rad(gap.phase.nan_to_num(0)))
     wanted = (z + end) / (cosine + 1j * z * sine) / q
     return (wanted * cosine - end) / (1 - 1j * wanted * sine) - z
 
 
-def ratio_of_pressures(known: KnownPressure, *, every: bool = False) -> Callable[[Tensor], Tensor]:
+def ratio_of_pressures(moments: Moments, known: KnownPressure, *, every: bool = False) -> Callable[[Tensor], Tensor]:
     """Implied over known pressure of the whole plane, complex, as a function of its Z, (..., F); with ``every`` of Z of
     all blocks and without each of them, (B, F). Its phase means something where ``known.has_phase``."""
-    velocity, own = cell_velocity(known)[:, :1], known.replicates
+    velocity, own = cell_velocity(moments, known)[:, :1], known.replicates
 
     def ratio(z: Tensor) -> Tensor:
         found = known.ratio(z[..., None, :], velocity[: len(z)] if every else velocity[0])[..., 0, :]
@@ -149,18 +153,18 @@ def ratio_of_pressures(known: KnownPressure, *, every: bool = False) -> Callable
     return ratio
 
 
-def cell_velocity(known: KnownPressure) -> Tensor:
+def cell_velocity(moments: Moments, known: KnownPressure) -> Tensor:
     """Complex peak amplitude of v into the liner, m/s, (B, 1 + C, F): the whole plane first; nan without a tone."""
-    moments, seen, members = known.moments, known.moments.survey, known.moments.membership
+    seen, members = moments.survey, moments.membership
     probes = seen.tone(known.frequency, every=True)
     cells = -members.mean(probes.transpose(1, 2)).transpose(1, 2).cpu()
     scale = members.mean(seen.mean_square).sqrt().cpu()
     cells = torch.where(cells.abs() <= NO_TONE * scale[:, None], torch.nan, cells)
     share = moments.cells.weight
-    share = torch.ones(moments.cells.count, dtype=torch.float64) if share is None else share
+    share = torch.ones(members.count, dtype=torch.float64) if share is None else share
     weights = (share / share.sum())[:, None].to(torch.complex128)
     if known.height is None:
-        speed = float(moments.plane.fluid.sound_speed)
+        speed = float(known.fluid.sound_speed)
         weights = weights * turned_back(moments.cells.x, torch.nan_to_num(cells[0]), known.frequency, speed)
     return torch.cat([(weights * cells).sum(1, keepdim=True), cells], 1)
 
@@ -172,22 +176,6 @@ def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: flo
     turns = torch.exp(2j * torch.pi / sound_speed * steps[:, None, None] * away * frequency)
     best = (turns * velocity).sum(1).abs().argmax(0)
     return turns.gather(0, best.expand(1, len(x), -1))[0]
-
-
-def implied_pressure(kind: str, fluid: Fluid, frequency: Tensor, height: Any, z: Tensor, velocity: Tensor) -> Tensor:
-    """Pressure that impedances and velocities imply, Pa, (..., 1 + C, F), the whole plane first.
-
-    Args:
-        kind: ``incident`` or ``wall``.  fluid: of the data.  frequency: Hz, (F,).
-        height: from which the velocity is moved to the wall, m, a number or (1 + C, 1).
-        z, velocity: impedance, and v into the liner, m/s, (..., 1 + C, F).
-    """
-    angle = 2 * torch.pi * frequency / float(fluid.sound_speed) * height
-    at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
-    pressure = z * at_wall
-    if kind == INCIDENT:
-        pressure = (pressure + at_wall[..., :1, :]) / 2
-    return float(fluid.characteristic_impedance) * pressure
 
 
 def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> KnownPressure | str:
@@ -209,7 +197,8 @@ def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> Kn
             return found
         kind, words, pressure = found
         moved = height if kind == INCIDENT else None
-        return KnownPressure(moments, frequency, kind, words, pressure, pressure, height=moved)
+        every = pressure.expand(1 + moments.membership.count, -1)
+        return KnownPressure(plane.fluid, frequency, kind, words, every, height=moved)
     if not isinstance(given, MicrophoneLine):
         raise TypeError(f"pressure is {type(given).__name__}; a PressureRecord or a MicrophoneLine is needed")
     # The logarithm of the level along the wall, interpolated to the middle of each cell.
@@ -224,9 +213,9 @@ def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> Kn
             logarithm[:, f] = torch.from_numpy(places)
     if not bool(torch.isfinite(logarithm).any()):
         return OTHER_TONE
-    mean, cells = (each.exp().to(torch.complex128) for each in (logarithm.mean(0), logarithm))
+    levels = torch.cat([logarithm.mean(0, keepdim=True), logarithm]).exp().to(torch.complex128)
     moved, words = height if plane.source_side == "normal" else None, "microphones along the wall (rho c |Z| |V|)"
-    return KnownPressure(moments, frequency, WALL, words, mean, cells, height=moved)
+    return KnownPressure(plane.fluid, frequency, WALL, words, levels, height=moved)
 
 
 def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple[str, str, Tensor] | str:
@@ -273,7 +262,8 @@ def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> K
             left = left / left[:1]
             left = torch.cat([left[:, :1], left[:, 1:].expand(-1, cells.count, -1)], dim=1)
         words, moved = f"the facesheet's pressure (rho c Z V, {phase})", height if side == "normal" else None
-        return KnownPressure(moments, frequency, WALL, words, peak[0], peak[1:], same_times, moved, left)
+        peaks = torch.cat([peak[:1], peak[1:].expand(cells.count, -1)])
+        return KnownPressure(plane.fluid, frequency, WALL, words, peaks, same_times, moved, left)
     if record.microphones is None or len(record.microphones) < 2:
         raise ValueError(
             f"{record.name} holds one microphone alone; a level check needs the facesheet's pressure or two microphones"
@@ -287,4 +277,5 @@ def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> K
     speed, mach = record.fluid.sound_speed, record.microphone_mach
     whole = turn * split_waves(amplitude, record.microphone_y, frequency, speed, mach)[0].sum(0)
     words = f"the sum of incident and reflected wave from microphones (rho c Z V, {phase})"
-    return KnownPressure(moments, frequency, WALL, words, whole, whole, same_times, height)
+    every = whole.expand(1 + cells.count, -1)
+    return KnownPressure(plane.fluid, frequency, WALL, words, every, same_times, height)

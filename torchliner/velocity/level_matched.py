@@ -54,7 +54,7 @@ def match_level(
     if isinstance(pressures, str):
         return None, [Note("level-matched", f"{name}: no level-matched answer: {pressures}")]
     scale = torch.ones_like(known.survey.mean) if known.locked.scale is None else known.locked.scale
-    seen, ratio = dict[float, tuple[Tensor, Tensor]](), ratio_of_pressures(pressures, every=True)
+    seen, ratio = dict[float, tuple[Tensor, Tensor]](), ratio_of_pressures(known, pressures, every=True)
     lengths, notes = known.survey.lengths.cpu(), []
 
     def at(place: float) -> tuple[Tensor, Tensor]:
@@ -100,7 +100,7 @@ def match_level(
 
     every = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128)
     for i, f in enumerate(frequency.tolist()):
-        if math.isfinite(abs(complex(pressures.liner[i]))):
+        if math.isfinite(abs(complex(pressures.pressure[0, i]))):
             found = matched(i)
             if isinstance(found, str):
                 notes.append(Note("level-matched", f"{name}: no level-matched answer at {f:g} Hz: {found}"))

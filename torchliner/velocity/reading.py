@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.checks import FEWEST_PERIODS
 from torchliner.engine.blocks import MOST_BLOCKS, Blocks
 from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS
@@ -22,7 +23,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.origin import state_of
 from torchliner.velocity import review
-from torchliner.velocity.background import with_background
+from torchliner.velocity.background import Background, background_of
 from torchliner.velocity.choices import TOLERANCES, Choices
 from torchliner.velocity.workers import Reduce
 
@@ -148,10 +149,7 @@ def reading_of(
     first, asked = liners[0] if liners else None, plane.asked(frequency)
     device, dtype = chosen.working(plane.velocity)
     pitch, rate, probes = cell_pitch if first is None else first.cell_pitch, plane.sampling_rate, plane.probes
-    review.require_periods(plane, asked, chosen)
-    chosen = with_background(plane, chosen, first, pitch)
-    if chosen.drive == "running-rms":
-        chosen = dataclasses.replace(chosen, running_window=chosen.window(asked))
+    chosen = settled(plane, chosen, asked, first, pitch)
     onto = None
     if not summed or chosen.drive == "rms":
         nodes = None
@@ -168,10 +166,11 @@ def reading_of(
     if 8 * MOST_BLOCKS * (1 + 2 * len(lines)) * probes > MOST_OF_LINES and not coherent:
         lines = lines[:harmonics]
     cells, used = sort_into_cells(plane, pitch), torch.ones(probes, dtype=torch.bool)
+    members = Membership.of(cells, used, device)
     turns = asked[:0] if chosen.phase == "averaged" else 2 * asked
     # Numbers of a block: lines of each probe, and sums of each column.
     size = (0 if nodes is None else nodes.count if onto is None else len(onto)) * (1 + 2 * len(turns))
-    size *= (1 + (chosen.averaging == "phase-locked")) * probes + cells.count
+    size *= (1 + (chosen.averaging == "phase-locked")) * probes + members.count
     most = MOST_OF_SUMS // (8 * ((1 + 2 * len(lines)) * probes + size))
     tone = plane.frequency or float(asked.min())
     blocks = Blocks.of(plane.samples, rate, tone, min(MOST_BLOCKS, max(FEWEST_BLOCKS, most)))
@@ -183,7 +182,7 @@ def reading_of(
         onto=onto,
         cell_pitch=pitch,
         cells=cells,
-        membership=Membership.of(cells, used, device),
+        membership=members,
         used=used,
         blocks=blocks,
         harmonics=harmonics,
@@ -193,6 +192,29 @@ def reading_of(
         dtype=dtype,
         notes=tuple(review.review_reading(plane, pitch, asked, blocks, chosen, first)) if summed else (),
     )
+
+
+def settled(
+    plane: VelocityPlane, chosen: Choices, frequency: Tensor, liner: LinerModel | None, pitch: float | None
+) -> Choices:
+    """Choices with what follows from a plane, from frequencies in Hz, (F,), and from a liner in cells of ``pitch``, m:
+    the window of a running rms and the background, measured.
+
+    Raises:
+        ValueError: fewer than four periods of a frequency, unless ``allow_short``; as ``background_of``.
+    """
+    lowest = float(frequency.min())
+    periods = lowest * plane.samples / plane.sampling_rate
+    if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
+        raise ValueError(
+            f"{plane.name} holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}; pass "
+            "allow_short=True if that is meant"
+        )
+    if chosen.drive == "running-rms":
+        chosen = dataclasses.replace(chosen, running_window=chosen.window(frequency))
+    if chosen.background is None or isinstance(chosen.background, Background):
+        return chosen
+    return dataclasses.replace(chosen, background=background_of(plane, chosen.background, liner, pitch))
 
 
 def take_moments(
@@ -209,7 +231,7 @@ def take_moments(
         OSError: the file was changed meanwhile.
     """
     # Of what was imported there are no files, so that a run may add frames.
-    plane, cells, locked = reading.plane, reading.cells, None
+    plane, cells, locked = reading.plane, reading.membership.count, None
     files = getattr(plane.velocity, "files", ())
     before = [state_of(path) for path in files]
     first = reading.run(reading.jobs(), run, progress)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS, SAME_FREQUENCY
+from torchliner.checks import SAME_FREQUENCY
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
@@ -17,9 +17,8 @@ from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
 from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
-from torchliner.records.cells import Cells
 from torchliner.records.educed import Educed
-from torchliner.records.notes import Note, height_warnings, plane_unit_warnings
+from torchliner.records.notes import Note, plane_notes
 from torchliner.velocity.averages import Averages, survey_of_columns
 from torchliner.velocity.choices import Choices
 
@@ -30,21 +29,6 @@ LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model tab
 NEAR = (0.45, 0.55)  # hole diameters that count as half of one, the height at which a quiet run's rms acts
 
 
-def require_periods(plane: VelocityPlane, frequency: Tensor, chosen: Choices) -> None:
-    """Refuse fewer than four periods of a frequency asked for, unless ``allow_short``.
-
-    Raises:
-        ValueError: there are fewer.
-    """
-    lowest = float(frequency.min())
-    periods = lowest * plane.samples / plane.sampling_rate
-    if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
-        raise ValueError(
-            f"{plane.name} holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}; pass "
-            "allow_short=True if that is meant"
-        )
-
-
 def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> Iterator[Note]:
     """Null tests, units, the sampling rate against the frequencies asked for; whether liner and data state the same
     gas, flow and lengths, and whether flow would count twice."""
@@ -52,11 +36,10 @@ def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> I
     if plane.liner == "hard wall":
         text = "there is a hard wall below and no liner: the values only show what this model makes of such a velocity"
         yield Note("null-test", f"null test: {name}: {text}")
-    yield from (Note("units", text) for text in plane_unit_warnings(plane, lowest))
+    yield from plane_notes(plane, lowest, liner.cell_pitch)
     if (steps := plane.sampling_rate / highest) < FEWEST_SAMPLES_PER_PERIOD:
         text = f"{steps:.3g} samples per period of {highest:g} Hz, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         yield Note("coarse-sampling", f"{name} has {text}: the corners of |v| are not resolved")
-    yield from (Note("height", text) for text in height_warnings(plane, liner.cell_pitch))
     if liner.flow_resistance > 0:
         text = (
             f"the law of liner {liner.describe().get('name', '')!r} adds {liner.flow_resistance:.3g} rho c of "
@@ -108,11 +91,12 @@ def review_reading(
         yield Note("background-height", text)
 
 
-def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterator[Note]:
-    """Probes that were left out, dead or constant, and those of ``cells`` that lost probes or are gone.
+def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator[Note]:
+    """Probes that were left out, dead or constant, and cells that lost probes or are gone.
 
     Args:
         plane: with its samples, if it has any.
+        cells: how many there were.
     Raises:
         ValueError: data of which no sum means anything: nan or inf; |v| beyond the speed of sound, or beyond a table;
             nearly all of v is its mean, as of a velocity along the flow, and that is not taken off.
@@ -149,10 +133,10 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: Cells) -> Iterat
             )
         text += ": this may be a velocity along the flow, or the wall blows"
         yield Note("large-mean", f"{text}; mean='removed' (--mean removed) takes the mean off")
-    gone, weight = cells.count - known.cells.count, known.cells.weight
+    gone, weight = cells - known.membership.count, known.cells.weight
     if gone or weight is not None:
         least = 1.0 if weight is None else float(weight.min())
-        text = f"{gone} of {cells.count} cells hold no probe that is left and count in no average; others weigh the "
+        text = f"{gone} of {cells} cells hold no probe that is left and count in no average; others weigh the "
         yield Note("lost-cells", f"{name}: {text}share of their probes that they have, the least {least:.2g}")
 
 
