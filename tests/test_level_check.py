@@ -163,7 +163,9 @@ def test_a_pressure_that_grows_counts_in_the_scatter_of_the_ratio():
     known, tone = tl.moments(plane(velocity), MODEL), torch.tensor([FREQUENCY], dtype=torch.float64)
     pressure = known_pressure(known, tone, facesheet_record(signal.expand(3, -1)))
     count = known.survey.blocks.count
-    ratio = ratio_of_pressures(pressure, every=True)(torch.ones(1 + count, 1, dtype=torch.complex128)).abs()[:, 0]
+    ratio = ratio_of_pressures(known, pressure, every=True)(torch.ones(1 + count, 1, dtype=torch.complex128)).abs()[
+        :, 0
+    ]
     first, second = ratio[1 : 1 + count // 2], ratio[1 + (count + 1) // 2 :]
     assert float(first.max()) < float(ratio[0]) < float(second.min())
 
