@@ -22,7 +22,7 @@ import torch
 from scipy.optimize import brentq, brute
 
 import torchliner as tl
-from common import DATA, FIGURES, ROOT, case_files, options_of, page_table, parser_of, write_tables
+from common import DATA, FIGURES, ROOT, options_of, page_table, parser_of, planes_of, write_tables
 from studies.answers_figures import draw_background, draw_parity
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.drives import incoherent_square, phase_locked
@@ -51,11 +51,6 @@ NEAR = 0.02  # relative, of the curve's constants: the package states two digits
 def near(plane: tl.VelocityPlane, height: float) -> bool:
     """Whether it is at a height, m."""
     return abs((plane.height or 0) / height - 1) < 0.01
-
-
-def planes_of(case: str) -> list[tl.VelocityPlane]:
-    """Shipped planes of a case, the lowest first."""
-    return [tl.read_plane(path) for path in case_files(case)]
 
 
 def quiet_of(case: str) -> list[tl.VelocityPlane]:

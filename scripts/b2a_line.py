@@ -14,9 +14,8 @@ import math
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -27,8 +26,9 @@ from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.io.csv_rows import write_rows
+from torchliner.report import figure as fig
 from torchliner.report.fields import WIDTHS_OF_SEGMENTS, draw_lines
-from torchliner.report.figure import COLOURS, LINES, PARTS, V_RMS, X_MM, Figure, finish, legend_below, styled, subplots
+from torchliner.report.table import format_complex
 
 FREQUENCY, LENGTH, HEIGHT = 1500.0, 0.150, 0.050  # Hz; of the liner, of the duct, m
 RATE, VALIDATED, FINE = 15e3, 0.97, 200e3  # bursts a second, share of them, Hz of the simulation
@@ -39,12 +39,10 @@ DISPLACEMENT = 2.0e-3  # m, the paper's
 HOLE_SPACING = 3.31e-3  # m, table 1; eight holes, taken as a 3 x 3 grid without its centre
 GROWTH = 0.35  # of v' along the liner in the lines "growing"
 PAPER = {"4": 2.33 - 0.30j, "5": 2.25 - 0.30j}
-WORDS = (("real", "resistance"), ("imag", "reactance"))
 SHIFT = 0.14  # of bars side by side
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """A configuration of table 2, and the height of its line."""
 
     name: str
@@ -63,7 +61,7 @@ CASES = (
     Case("5", 0.3, 145.0, "downstream"),
 )
 HIGH = Case("3, 2.5 mm", 0.1, 145.0, "upstream", height=2.5e-3)
-GROWING = tuple(replace(case, name=f"{case.name} growing", growth=GROWTH) for case in CASES[3:])
+GROWING = tuple(case._replace(name=f"{case.name} growing", growth=GROWTH) for case in CASES[3:])
 
 
 def assumptions(seconds: float) -> str:
@@ -108,6 +106,12 @@ class Turbulence:
         """v at times, m/s, above a place of the liner, along which its rms grows by a share."""
         friction = FRICTION[mach]
         return self.at(times, friction / height, V_PLUS * friction * (1 + growth * x / LENGTH), seed)
+
+
+def arrivals(generator: np.random.Generator, rate: float, seconds: float, count: int) -> np.ndarray:
+    """Times of at most ``count`` Poisson arrivals, s."""
+    times = np.cumsum(generator.exponential(1 / rate, count))
+    return times[times < seconds]
 
 
 def imprint(x: np.ndarray, height: float, pitch: float, diameter: float) -> np.ndarray:
@@ -160,9 +164,7 @@ def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, sta
     for i, (x, amplitude) in enumerate(zip(places, velocity, strict=True)):
         seed = int(1e5 * case.mach) + 1000 * round(case.level) + 7919 * i + len(case.side)
         generator = np.random.default_rng(seed)
-        count = int(1.01 * RATE / VALIDATED * seconds) + 500
-        times = np.cumsum(generator.exponential(VALIDATED / RATE, count))
-        times = times[times < seconds]
+        times = arrivals(generator, RATE / VALIDATED, seconds, int(1.01 * RATE / VALIDATED * seconds) + 500)
         values = turbulence.above(times, x, case.mach, case.growth, seed + 1, case.height)
         # Into the liner is -v.
         values -= np.abs(amplitude) * np.cos(2 * np.pi * FREQUENCY * times + np.angle(amplitude))
@@ -185,87 +187,78 @@ def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, sta
         record.write(folder / f"station_{i:03d}.h5")
 
 
-def summary(case: Case, line: tl.ImpedanceLine, liner: Any) -> dict[str, Any]:
-    """Numbers of a configuration."""
-    found: Any = line.average
-    row: dict[str, Any] = {"configuration": case.name}
-    for part, word in WORDS:
-        values = {
-            word: found.impedance,
-            f"{word} low": found.interval.low,
-            f"{word} high": found.interval.high,
-            f"{word} spread of draws": found.monte_carlo_spread,
-            f"{word} spread along x": found.spatial_spread,
-        }
-        row |= {name: float(getattr(value[0], part)) for name, value in values.items()}
-        along = getattr(line.impedance[:, 0], part).numpy()
-        row[f"{word} rise along x"] = float(np.polyfit(line.x.numpy(), along, 1)[0] * LENGTH)
-        row[f"{word} of the paper"] = getattr(PAPER.get(case.name, complex(math.nan, math.nan)), part)
-    decay = 20 * math.log10(math.e) * abs(wave_of(case, liner)[1].imag) * LENGTH
-    return row | {"v rms (m/s)": float(line.velocity_rms.mean()), "decay (dB)": decay}
+def parts_of(found: Any, name: str) -> dict[str, np.ndarray]:
+    """Z of a line's average, its interval and its spreads, as R or X."""
+    values = {"z": found.impedance, "low": found.interval.low, "high": found.interval.high}
+    values |= {"draws": found.monte_carlo_spread, "along": found.spatial_spread}
+    return {key: fig.part_of(value, name)[0] for key, value in values.items()}
 
 
-def station_rows(case: Case, line: tl.ImpedanceLine) -> list[dict[str, Any]]:
-    """Z of each station, in six digits."""
-    numbers = torch.stack([line.x, line.impedance[:, 0].real, line.impedance[:, 0].imag], 1).tolist()
-    names = ("x (m)", "resistance", "reactance")
-    return [{"configuration": case.name, **{n: f"{v:.6g}" for n, v in zip(names, row, strict=True)}} for row in numbers]
+def rise(line: tl.ImpedanceLine, part: str) -> float:
+    """Of R or X along the liner, by a straight line."""
+    return float(np.polyfit(line.x.numpy(), fig.part_of(line.impedance[:, 0], part), 1)[0] * LENGTH)
 
 
-def velocity_figure(lines: Sequence[tl.ImpedanceLine], labels: Sequence[str]) -> Figure:
+def velocity_figure(lines: Sequence[tl.ImpedanceLine], labels: Sequence[str]) -> fig.Figure:
     """Mean and rms of the wall-normal velocity along the line (figure 9)."""
-    figure, axes = subplots(1, 2, 3.2)
-    panels = (("mean_velocity", "$v_0$ (m s$^{-1}$)"), ("velocity_rms", f"{V_RMS} (m s$^{{-1}}$)"))
+    figure, axes = fig.subplots(1, 2, 3.2)
+    panels = (("mean_velocity", "$v_0$ (m s$^{-1}$)"), ("velocity_rms", f"{fig.V_RMS} (m s$^{{-1}}$)"))
     for axis, (key, text) in zip(axes[0], panels, strict=True):
         for i, (line, label) in enumerate(zip(lines, labels, strict=True)):
-            style: Any = {"color": COLOURS[i], "linestyle": LINES[i], "linewidth": 0.9, "label": label}
-            axis.plot(1e3 * line.x.numpy(), getattr(line, key).numpy(), **style)
-        axis.set(xlabel=X_MM, ylabel=text)
+            axis.plot(1e3 * line.x, getattr(line, key), **fig.colour_of(i, label, linewidth=0.9))
+        axis.set(xlabel=fig.X_MM, ylabel=text)
     axes[0, 1].set_ylim(bottom=0)
-    legend_below(figure, axes[0, 0], 3)
+    fig.legend_below(figure, axes[0, 0], 3)
     return figure
 
 
-def averages_figure(rows: Sequence[dict[str, Any]]) -> Figure:
+def averages_figure(lines: dict[str, tl.ImpedanceLine]) -> fig.Figure:
     """Z of (5.2) of several lines (figure 12); right of the symbol the statistical interval, the paper's three standard
     deviations of the draws, and the spread along the line."""
-    figure, axes = subplots(1, 2, 3.4)
-    places = np.arange(len(rows))
-    for axis, (part, text) in zip(axes[0], PARTS, strict=True):
-        names = ("", " low", " high", " spread of draws", " spread along x", " of the paper")
-        z, low, high, drawn, along, paper = (np.array([row[f"{part}{name}"] for row in rows]) for name in names)
+    figure, axes = fig.subplots(1, 2, 3.4)
+    places = np.arange(len(lines))
+    for axis, (part, text) in zip(axes[0], fig.PARTS, strict=True):
+        every = [parts_of(line.average, part) for line in lines.values()]
+        z, low, high, drawn, along = (np.array([each[name] for each in every]) for name in every[0])
         drawn = WIDTHS_OF_SEGMENTS * drawn
         bars = {
             "95 % interval": (low, high, "-"),
             "3 standard deviations of the draws of (5.2)": (z - drawn, z + drawn, "-"),
             "spread along the line": (z - along, z + along, "--"),
         }
-        for i, (label, (*ends, line)) in enumerate(bars.items()):
-            style: Any = {"color": COLOURS[i], "linestyle": line, "linewidth": 1.8, "label": label}
-            axis.vlines(places + (i - 1) * SHIFT, *ends, **style)
-        at = places - 2 * SHIFT
+        for i, (label, (*ends, dash)) in enumerate(bars.items()):
+            look: Any = {"color": fig.COLOURS[i], "linestyle": dash, "linewidth": 1.8, "label": label}
+            axis.vlines(places + (i - 1) * SHIFT, *ends, **look)
+        at, paper = places - 2 * SHIFT, fig.part_of([PAPER.get(name) for name in lines], part)
         axis.plot(at, z, "o", color="k", markersize=3, zorder=4, label="$Z_\\mathrm{mean}$")
-        axis.plot(at, paper, "*", color=COLOURS[3], markersize=8, zorder=4, label="paper")
-        axis.set_xticks(places, [row["configuration"].replace(", ", "\n") for row in rows], fontsize=7)
-        axis.set(xlabel="configuration", ylabel=text, xlim=(-0.5, len(rows) - 0.5))
-    legend_below(figure, axes[0, 0], 3)
+        axis.plot(at, paper, "*", color=fig.COLOURS[3], markersize=8, zorder=4, label="paper")
+        axis.set_xticks(places, [name.replace(", ", "\n") for name in lines], fontsize=7)
+        axis.set(xlabel="configuration", ylabel=text, xlim=(-0.5, len(lines) - 0.5))
+    fig.legend_below(figure, axes[0, 0], 3)
     return figure
 
 
-@styled
-def draw(lines: dict[str, tl.ImpedanceLine], rows: dict[str, dict[str, Any]], folder: Path, seconds: float) -> None:
+@fig.styled
+def draw(lines: dict[str, tl.ImpedanceLine], folder: Path, seconds: float) -> None:
     """Figures 9 to 12, each with the assumptions in its caption."""
     first = [lines[case.name] for case in CASES]
     labels = [f"{c.name}: Mach {c.mach:g}, {c.level:g} dB, {c.side}" for c in CASES]
-    heights = draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"])
-    averages = averages_figure([rows[case.name] for case in (*CASES[:3], HIGH, *CASES[3:])])
+    names = (case.name for case in (*CASES[:3], HIGH, *CASES[3:]))
     for name, figure, caption in (
         ("velocity", velocity_figure(first, labels), "wall-normal velocity, y = 1 mm"),
         ("impedance", draw_lines(first, labels=labels), "liner onera, 1500 Hz, y = 1 mm"),
-        ("heights", heights, "configuration 3 at two heights"),
-        ("averages", averages, "admittance averages (5.2) by configuration"),
+        (
+            "heights",
+            draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"]),
+            "configuration 3 at two heights",
+        ),
+        (
+            "averages",
+            averages_figure({name: lines[name] for name in names}),
+            "admittance averages (5.2) by configuration",
+        ),
     ):
-        finish(figure, folder / f"b2a_{name}.png", f"{caption}; {assumptions(seconds)}")
+        fig.finish(figure, folder / f"b2a_{name}.png", f"{caption}; {assumptions(seconds)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -276,28 +269,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.seconds < 2.6:
         parser.error("--seconds is too short for intervals; four segments of 1 s take 2.5 s")
     liner, turbulence = tl.load_liner("onera"), Turbulence()
-    lines, rows, stations = {}, {}, []
+    lines: dict[str, tl.ImpedanceLine] = {}
+    stations = []
     for case in (*CASES, HIGH, *GROWING):
         with tempfile.TemporaryDirectory() as place:
             write_case(case, liner, turbulence, Path(place), options.stations, options.seconds)
-            line = tl.educe_bursts(place, liner, phase="averaged")
-        lines[case.name], row = line, summary(case, line, liner)
-        rows[case.name] = row
-        stations += station_rows(case, line)
+            line = lines[case.name] = tl.educe_bursts(place, liner, phase="averaged")
+        for x, z in zip(line.x.tolist(), line.impedance[:, 0].tolist(), strict=True):
+            values = zip(("x (m)", "resistance", "reactance"), (x, z.real, z.imag), strict=True)
+            stations.append({"configuration": case.name, **{name: f"{value:.6g}" for name, value in values}})
+        average: Any = line.average
+        mean = parts_of(average, "resistance")
+        decay = 20 * math.log10(math.e) * abs(wave_of(case, liner)[1].imag) * LENGTH
         print(
-            f"{case.name:10s} Z {row['resistance']:.3f}{row['reactance']:+.3f}j  interval R "
-            f"{row['resistance low']:.4f} to {row['resistance high']:.4f}  along x R "
-            f"{row['resistance rise along x']:+.3f} X {row['reactance rise along x']:+.3f}  v' "
-            f"{row['v rms (m/s)']:.2f} m/s  decay {row['decay (dB)']:.1f} dB",
+            f"{case.name:10s} Z {format_complex(complex(average.impedance[0]))}  interval R {mean['low']:.4f} to "
+            f"{mean['high']:.4f}  along x R {rise(line, 'resistance'):+.3f} X {rise(line, 'reactance'):+.3f}  v' "
+            f"{float(line.velocity_rms.mean()):.2f} m/s  decay {decay:.1f} dB",
             flush=True,
         )
     added = [tl.goodrich_resistance(m, 0.0395, DISPLACEMENT, 0.991e-3) for m in (0.1, 0.3)]
+    third, fourth = (float(parts_of(lines[name].average, "resistance")["z"]) for name in "34")
     print(
-        f"from configuration 3 to 4: R {rows['4']['resistance'] - rows['3']['resistance']:+.3f}, "
-        f"Goodrich {added[1] - added[0]:+.3f}, the paper 0.94 to 1.12"
+        f"from configuration 3 to 4: R {fourth - third:+.3f}, Goodrich {added[1] - added[0]:+.3f}, paper 0.94 to 1.12"
     )
     write_rows(stations, options.output / "b2a_stations.csv")
-    draw(lines, rows, options.output, options.seconds)
+    draw(lines, options.output, options.seconds)
     return 0
 
 

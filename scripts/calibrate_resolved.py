@@ -8,6 +8,7 @@ g03_145; the offset of the orifice is fitted to o115 and predicts o145: at the h
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -47,9 +48,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     draw_predictions(panels, "fitted without flow (n115, n130; o115), 1400 Hz, y = 2.5 mm", path)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit, predict, draw."""
-    return run_study(__doc__, "calibration_resolved", rows_of, draw, arguments)
+main = functools.partial(run_study, __doc__, "calibration_resolved", rows_of, draw)
 
 
 if __name__ == "__main__":

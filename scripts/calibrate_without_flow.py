@@ -9,6 +9,7 @@ lattice. Then every case is predicted in every averaging at every height.
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
-from common import case_files, run_study
+from common import planes_of, run_study
 from torchliner.names import AVERAGINGS
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, part_of, styled, subplots
 from torchliner.studies.variants import Row
@@ -40,11 +41,6 @@ FITS = (
     Fit("orifice, coarser lattice", ("t00_130",), ("t03_130", "t015_145")),
     Fit("slit", ("n130",), ("n145", "g01_145", "g03_145")),
 )
-
-
-def planes_of(case: str) -> list[tl.VelocityPlane]:
-    """Shipped planes of a case, the lowest first."""
-    return [tl.read_plane(path) for path in case_files(case)]
 
 
 def calibrated(fit: Fit) -> Any:
@@ -103,11 +99,9 @@ def draw(rows: Sequence[Row], path: Path) -> Figure:
     return finish(figure, path, "contraction coefficient fitted without flow; heights rise to the right, 1400 Hz", 5)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit, predict, draw."""
-    return run_study(
-        __doc__, "calibrate_without_flow", lambda: [row for fit in FITS for row in rows_of(fit)], draw, arguments
-    )
+main = functools.partial(
+    run_study, __doc__, "calibrate_without_flow", lambda: [row for fit in FITS for row in rows_of(fit)], draw
+)
 
 
 if __name__ == "__main__":

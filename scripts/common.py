@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from torchliner.checks import DataWarning
+import torchliner as tl
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA, FIGURES, RESULTS = ROOT / "data", ROOT / "docs" / "figures", ROOT / "results"
@@ -29,7 +29,7 @@ def parser_of(doc: str | None, output: Path | None = None) -> argparse.ArgumentP
 def options_of(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None) -> argparse.Namespace:
     """The options; the output's folder is made, and what is known of the data not warned of."""
     options = parser.parse_args(arguments)
-    warnings.simplefilter("ignore", DataWarning)
+    warnings.simplefilter("ignore", tl.DataWarning)
     if getattr(options, "output", None) is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     return options
@@ -38,6 +38,11 @@ def options_of(parser: argparse.ArgumentParser, arguments: Sequence[str] | None 
 def case_files(case: str) -> list[Path]:
     """Shipped planes of a resolved case, n130 or o145 or such, the lowest first."""
     return plane_files(f"{'orifice' if case[0] in 'otq' else 'slit'}_{case}_y*.h5")
+
+
+def planes_of(case: str) -> list[tl.VelocityPlane]:
+    """Shipped planes of a case, the lowest first."""
+    return [tl.read_plane(path) for path in case_files(case)]
 
 
 def plane_files(pattern: str) -> list[Path]:

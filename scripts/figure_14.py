@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,16 +22,15 @@ import numpy as np
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
-from torchliner.io.csv_rows import write_rows
-from torchliner.report import figure as style
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, styled
+from torchliner.report import figure as fig
+from torchliner.report.table import table_of
+from torchliner.studies.variants import Row
 
 SIDES = ("upstream", "downstream")
 FIRST = 145.0  # dB, where figure 19 lets its levels start
 
 
-@dataclass(frozen=True)
-class Facility:
+class Facility(NamedTuple):
     """A preset, the impedances that its pressures are made with, and the paper's of its KT."""
 
     name: str
@@ -75,43 +74,34 @@ def educed(facility: Facility, side: str, draws: int) -> Educed:
     return Educed(line, tl.kumaresan_tufts(line, draws=draws), tl.fit_field(line, solver, draws=draws))
 
 
-def draw_cloud(axis: Any, one: Any, colour: str, marker: str, label: str) -> None:
-    """Z in the plane of R and X, with its draws."""
-    drawn = one.draws.impedance[:, 0].numpy()
-    axis.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
-    style.draw_point(axis, complex(one.impedance[0]), marker=marker, color=colour, markeredgecolor="k", label=label)
-
-
-def draw_levels(axis: Any, line: Any, one: Any, colour: str, marker: str) -> None:
-    """Of the microphones, of the fit and of the range of its draws."""
-    x, level = one.level_along()
-    drawn = one.draws.level_along()[1][..., 0].numpy()
-    style.draw_values(axis, 1e3 * x, level[:, 0], (np.nanmin(drawn, 0), np.nanmax(drawn, 0)), color=colour)
-    axis.plot(1e3 * line.x, line.level[:, 0], marker, color=colour, markerfacecolor="none", linestyle="none")
-
-
-@styled
-def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
-    """Impedances of all draws; levels with their range."""
-    figure, axes = style.subplots(1, 2, 3.7)
+@fig.styled
+def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> fig.Figure:
+    """Impedances of all draws; levels of the microphones, of KT and of the range of its draws."""
+    figure, axes = fig.subplots(1, 2, 3.7)
     plane, levels = axes[0]
     for i, (side, one) in enumerate(sides.items()):
-        draw_cloud(plane, one.by_modes, COLOURS[i], MARKERS[i], f"KT, {side}")
-        draw_levels(levels, one.line, one.by_modes, COLOURS[i], MARKERS[i])
-    for i, (side, one) in enumerate(sides.items()):
-        draw_cloud(plane, one.by_field, COLOURS[2 + i], "D", f"LEE fit, {side}")
-    for i, side in enumerate(sides):
-        z = facility.paper[side]
-        plane.plot(z.real, z.imag, "x", color=COLOURS[i], markersize=7, label=f"paper, {side}")
-    for i, side in enumerate(sides):
-        z = facility.truth[side]
-        plane.plot(z.real, z.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
-    plane.set(xlabel=PARTS[0][1], ylabel=PARTS[1][1])
-    levels.set(xlabel="$x$ (mm)", ylabel=style.SPL)
-    style.entry(plane, "pressures", "o", markerfacecolor="none")
-    style.entry(plane, "KT, range of the draws")
-    style.frame(plane, "xy")
-    style.legend_below(figure, plane, 4)
+        known, paper = facility.truth[side], facility.paper[side]
+        for found, name, colour, marker in (
+            (one.by_modes, "KT", fig.COLOURS[i], fig.MARKERS[i]),
+            (one.by_field, "LEE fit", fig.COLOURS[2 + i], "D"),
+        ):
+            drawn, z = found.draws.impedance[:, 0], complex(found.impedance[0])  # type: ignore[union-attr]
+            plane.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
+            fig.draw_point(plane, z, marker=marker, color=colour, markeredgecolor="k", label=f"{name}, {side}")
+        plane.plot(paper.real, paper.imag, "x", color=fig.COLOURS[i], markersize=7, label=f"paper, {side}")
+        plane.plot(known.real, known.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
+        (x, level), line = one.by_modes.level_along(), one.line
+        heard = one.by_modes.draws.level_along()[1][..., 0].numpy()  # type: ignore[union-attr]
+        ends = np.nanmin(heard, 0), np.nanmax(heard, 0)
+        fig.draw_values(levels, 1e3 * x, level[:, 0], ends, color=fig.COLOURS[i])
+        look: Any = {"color": fig.COLOURS[i], "markerfacecolor": "none", "linestyle": "none"}
+        levels.plot(1e3 * line.x, line.level[:, 0], fig.MARKERS[i], **look)
+    plane.set(**fig.PLANE)
+    levels.set(xlabel=fig.X_MM, ylabel=fig.SPL)
+    fig.entry(plane, "pressures", "o", markerfacecolor="none")
+    fig.entry(plane, "KT, range of the draws")
+    fig.frame(plane, "xy")
+    fig.legend_below(figure, plane, 4)
     one = next(iter(sides.values()))
     truths = " and ".join(dict.fromkeys(f"{z:.2f}" for z in facility.truth.values()))
     words = (
@@ -119,25 +109,17 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> Figure:
         f"Z = {truths} ({facility.state}); {one.by_modes.choices['draws']} draws of 0.1 dB, 0.1 deg; lines: KT, "
         "rank 2, with the range of the draws"
     )
-    return style.finish(figure, path, words)
+    return fig.finish(figure, path, words)
 
 
-def impedances(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
+def impedances(facility: Facility, side: str, one: Educed) -> list[Row]:
     """A row a method."""
     rows = []
     for found in (one.by_modes, one.by_field):
-        row: dict[str, Any] = {"facility": facility.name, "source": side, "method": found.method}
-        values: dict[str, Any] = {
-            "": found.impedance[0],
-            "mean ": found.mean[0],
-            "std ": found.standard_deviation[0],
-            "true ": facility.truth[side],
-            "paper's KT ": facility.paper[side],
-        }
-        for name, value in values.items():
-            z = complex(value)
-            row |= {f"{name}resistance": z.real, f"{name}reactance": z.imag}
-        rows.append(row | {"draws": found.choices["draws"]})
+        row = Row(facility=facility.name, source=side, method=found.method, impedance=complex(found.impedance[0]))
+        row |= {"mean": complex(found.mean[0]), "std": complex(found.standard_deviation[0])}
+        row |= {"true": facility.truth[side], "paper": facility.paper[side], "draws": found.choices["draws"]}
+        rows.append(Row(row))
     return rows
 
 
@@ -166,14 +148,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for side, one in sides.items():
             found += impedances(facility, side, one)
             heard += levels(facility, side, one)
-    write_rows(found, options.output / "figure_14_19.csv")
-    write_rows(heard, options.output / "figure_14_19_levels.csv")
-    for row in found:
-        print(
-            f"{row['facility']:12s} {row['source']:10s} {row['method']:16s} "
-            f"{row['resistance']:.3f}{row['reactance']:+.3f}j, draws "
-            f"{row['std resistance']:.3f}, {row['std reactance']:.3f}"
-        )
+    table = table_of(found, "facility,source,method,impedance,mean,std")
+    table.write_csv(options.output / "figure_14_19.csv")
+    table_of(heard).write_csv(options.output / "figure_14_19_levels.csv")
+    print(table.as_text())
     return 0
 
 

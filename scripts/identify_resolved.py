@@ -8,6 +8,7 @@ predicted as by a fit to the others.
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -62,9 +63,7 @@ def draw(_: Sequence[Row], path: Path) -> None:
         draw_identification(FOUND[name], path.with_name(f"identify_{name}.png"))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit, leave out, draw."""
-    return run_study(__doc__, "identify_resolved", rows_of, draw, arguments)
+main = functools.partial(run_study, __doc__, "identify_resolved", rows_of, draw)
 
 
 if __name__ == "__main__":

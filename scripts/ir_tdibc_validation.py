@@ -8,6 +8,7 @@ nothing else of the case is used.
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -84,9 +85,7 @@ def draw(rows: Sequence[Row], path: Path) -> Figure:
     return draw_parts(drawn, INCIDENT, path, poles=None, height=3.4, legend=3)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Solve, print, draw."""
-    return run_study(__doc__, "ir_tdibc", rows_of, draw, arguments, tables)
+main = functools.partial(run_study, __doc__, "ir_tdibc", rows_of, draw, tables=tables)
 
 
 if __name__ == "__main__":

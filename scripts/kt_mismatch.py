@@ -10,6 +10,7 @@ known impedance, then over flow, liner length, rank, order, noise, end reflectio
 
 from __future__ import annotations
 
+import functools
 import itertools
 import sys
 from collections.abc import Sequence
@@ -25,8 +26,7 @@ from common import run_study
 from torchliner.duct.case import impedance_along
 from torchliner.duct.presets import DuctSetup
 from torchliner.pressure.microphone_errors import draw_pressures
-from torchliner.report import figure as style
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, part_of, styled
+from torchliner.report import figure as fig
 from torchliner.studies.variants import Row
 
 TRUE = 2.33 - 0.30j
@@ -46,7 +46,7 @@ RISE = "relative rise of R along x"
 ACROSS = {"end reflection": "end reflection", RISE: r"$\Delta R/R$ along $x$"}
 RANKS, DRAWS, DASHES = (1, 2, 3, 4), 500, ("-", "--", ":", "-.")
 ANECHOIC = "LEE fit, end taken as anechoic"
-DARK = {"upstream": COLOURS[0], "downstream": COLOURS[1]}
+DARK = dict(zip(SIDES, fig.COLOURS, strict=False))
 
 
 def world(side: str, length: float = 0.15, **changes: Any) -> tuple[DuctSetup, tl.DuctSolver, tl.MicrophoneLine]:
@@ -98,7 +98,7 @@ def ranks_and_noise() -> list[Row]:
                 found["LEE fit"] = tl.fit_field(line, solver, draws=DRAWS, **errors).drawn
             for method, values in found.items():
                 drawn = values[:, 0]
-                spread = complex(float(drawn.real.std()), float(drawn.imag.std()))
+                spread = complex(drawn.real.std(), drawn.imag.std())
                 rows.append(row("noise", error, side, method, drawn.mean(), spread))
     return rows
 
@@ -124,10 +124,9 @@ def rows_of() -> list[Row]:
     return [*flows_and_lengths(), *ranks_and_noise(), *ends_and_gradients()]
 
 
-def of(rows: Sequence[Row], study: str, side: str, method: str) -> tuple[Any, Any]:
-    """Values and Z of one curve."""
-    mine = [r for r in rows if (r.study, r.source, r.method) == (study, side, method)]
-    return np.array([r["value"] for r in mine]), np.array([r.impedance for r in mine])
+def of(rows: Sequence[Row], study: str, side: str, method: str) -> list[Row]:
+    """Of one curve."""
+    return [r for r in rows if (r.study, r.source, r.method) == (study, side, method)]
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -136,101 +135,86 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         picture(rows, path.with_name(f"kt_{picture.__name__.removeprefix('draw_')}.png"))
 
 
-@styled
-def draw_truth(rows: Sequence[Row], path: Path) -> Figure:
+@fig.styled
+def draw_truth(rows: Sequence[Row], path: Path) -> fig.Figure:
     """Figure 14a with a known impedance: what each method makes of one impedance, by flow."""
-    figure, axes = style.subplots(1, 2, 3.4)
+    figure, axes = fig.subplots(1, 2, 3.4)
     for axis, (method, title) in zip(axes[0], (("KT", "KT, rank 2"), ("two waves", "two-wave fit")), strict=True):
-        for i, flow in enumerate(FLOWS):
-            points = [of(rows, f"length, {flow}", side, method)[1][LENGTHS.index(0.15)] for side in SIDES]
+        for flow, marker in zip(FLOWS, fig.MARKERS, strict=False):
+            points = [of(rows, f"length, {flow}", side, method)[LENGTHS.index(0.15)].impedance for side in SIDES]
             axis.plot(np.real(points), np.imag(points), "-", color="0.6", linewidth=0.8, zorder=1)
             for side, z in zip(SIDES, points, strict=True):
                 label = f"{FLOW_WORDS.get(flow, flow)}, {side}"
-                axis.plot(z.real, z.imag, MARKERS[i], color=DARK[side], zorder=3, label=label)
+                fig.draw_point(axis, z, marker=marker, color=DARK[side], label=label, zorder=3)
         for side, z in PAPER.items():
-            axis.plot(z.real, z.imag, "x", color=DARK[side], markersize=7, label=f"paper, {side}")
-        axis.plot(TRUE.real, TRUE.imag, "*", color="k", markersize=10, label="known Z, and LEE fit", zorder=4)
-        axis.set(xlabel=PARTS[0][1], ylabel=PARTS[1][1], xlim=(0.8, 3.4), ylim=(-0.8, 0.4), title=title)
-    return style.finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
+            fig.draw_point(axis, z, marker="x", color=DARK[side], markersize=7, label=f"paper, {side}")
+        fig.draw_point(axis, TRUE, marker="*", color="k", markersize=10, label="known Z, and LEE fit", zorder=4)
+        axis.set(**fig.PLANE, xlim=(0.8, 3.4), ylim=(-0.8, 0.4), title=title)
+    return fig.finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
 
 
-@styled
-def draw_length(rows: Sequence[Row], path: Path) -> Figure:
+def draw_length(rows: Sequence[Row], path: Path) -> fig.Figure:
     """Mismatch of resistance and reactance over the liner's length."""
-    figure, axes = style.subplots(1, 2, 3.2)
-    curves = [(flow, method) for flow in FLOWS for method in METHODS if method != "LEE fit" or flow == "sheared"]
-    for axis, (part, _), letter in zip(axes[0], PARTS, "RX", strict=True):
-        for flow, method in curves:
-            (x, up), (_, down) = (of(rows, f"length, {flow}", side, method) for side in SIDES)
-            i, dash = list(FLOWS).index(flow), DASHES[METHODS.index(method)]
-            how: Any = {"color": COLOURS[i], "marker": MARKERS[i], "markersize": 3, "linestyle": dash}
-            axis.plot(1e3 * x, part_of(down - up, part), label=f"{FLOW_WORDS.get(flow, flow)}; {method}", **how)
-        paper = part_of(PAPER["downstream"] - PAPER["upstream"], part)
-        axis.axhline(paper, color="k", linewidth=0.8, linestyle="-.", label="paper, 150 mm")
-        axis.set(xlabel="liner length (mm)", ylabel=f"${letter}$ downstream less upstream")
-    return style.finish(figure, path, legend=3)
+    curves = []
+    for (i, flow), (j, method) in itertools.product(enumerate(FLOWS), enumerate(METHODS)):
+        if method != "LEE fit" or flow == "sheared":
+            pairs = zip(*(of(rows, f"length, {flow}", side, method) for side in SIDES), strict=True)
+            gaps = [Row(x=up["value"], impedance=down.impedance - up.impedance) for up, down in pairs]
+            look: Any = {"marker": fig.MARKERS[i], "markersize": 3, "linestyle": DASHES[j]}
+            curves.append(fig.curve_of(gaps, "x", **fig.colour_of(i, "", **look)))
+            curves[-1]["label"] = f"{FLOW_WORDS.get(flow, flow)}; {method}"
+    paper = {"paper, 150 mm": PAPER["downstream"] - PAPER["upstream"]}
+    more: Any = {"more": lambda axis, part: axis.set_ylabel(f"{part}, downstream less upstream")}
+    return fig.draw_parts(curves, "liner length (mm)", path, references=paper, poles=None, height=3.2, legend=3, **more)
 
 
-@styled
-def draw_choices(rows: Sequence[Row], path: Path) -> Figure:
+@fig.styled
+def draw_choices(rows: Sequence[Row], path: Path) -> fig.Figure:
     """KT's rank and order, and the noise: lines and filled markers for the source upstream."""
-    figure, axes = style.subplots(2, 2, 5.0)
-    styles: dict[str, dict[str, Any]] = {
-        f"KT, rank {rank}": {"color": COLOURS[rank], "marker": MARKERS[rank], "markersize": 3} for rank in RANKS
-    } | {"two waves": {"color": "k", "marker": "o", "markersize": 3}}
-    sides: dict[str, dict[str, Any]] = {
-        "upstream": {"linestyle": "-"},
-        "downstream": {"linestyle": "--", "markerfacecolor": "none"},
-    }
-    for column, (part, label) in enumerate(PARTS):
-        above, below = axes[:, column]
-        for side, dashes in sides.items():
-            for rank in RANKS:
-                x, z = of(rows, f"rank {rank}", side, "KT")
-                above.plot(x, part_of(z, part), **styles[f"KT, rank {rank}"] | dashes)
-            for i, (method, name) in enumerate((("KT", "KT, rank 2"), ("two waves", "two waves"))):
-                mine = [r for r in rows if (r.study, r.source, r.method) == ("noise", side, method)]
-                x = np.array([r["value"] for r in mine]) * (1 + 0.06 * i)
-                z, bars = ([part_of(r[name], part) for r in mine] for name in ("impedance", "spread"))
-                below.errorbar(x, z, bars, capsize=2, **styles[name] | dashes)
-        for axis in (above, below):
-            axis.axhline(part_of(TRUE, part), color="0.6", linewidth=2, zorder=0)
-            axis.set_ylabel(label)
-        above.set(xlabel="order of the prediction", ylim=((1.5, 3.0), (-1.8, 0.6))[column])
-        below.set(xlabel="error of the microphones (dB, degrees)", xscale="log")
-        below.set_xticks(ERRORS, [f"{error:g}" for error in ERRORS])
-        below.minorticks_off()
-    for name, how in styles.items():
-        style.entry(axes[0, 0], name, **how | {"linestyle": "none"})
-    for side, dashes in sides.items():
-        style.entry(axes[0, 0], f"source {side}", color="k", markersize=3, **{"marker": "o"} | dashes)
-    style.entry(axes[0, 0], "known Z", color="0.6", linewidth=2)
-    return style.finish(figure, path, "sheared flow, liner 150 mm", legend=3)
+    figure, axes = fig.subplots(2, 2, 5.0)
+    above, below = [], []
+    for side, dash, face in (("upstream", "-", None), ("downstream", "--", "none")):
+        for i, rank in enumerate(RANKS):
+            look: Any = {"color": fig.COLOURS[rank], "marker": fig.MARKERS[rank], "markersize": 3, "linestyle": dash}
+            look |= {"label": f"KT, rank {rank}; {side}"} | ({} if face is None else {"markerfacecolor": face})
+            above.append(fig.curve_of(of(rows, f"rank {rank}", side, "KT"), "value", **look))
+            if i == 1:
+                ranks = look
+        for k, (method, look) in enumerate((("KT", ranks), ("two waves", ranks | {"color": "k", "marker": "o"}))):
+            mine = of(rows, "noise", side, method)
+            ends = [[row.impedance + sign * row.spread for row in mine] for sign in (-1, 1)]
+            curve = fig.curve_of(mine, "value", **look) | {"ends": ends, "bars": True}
+            below.append(curve | {"x": curve["x"] * (1 + 0.06 * k), "label": f"{method}; {side}"})
+    known = {"known Z": TRUE}
+    fig.draw_parts(above, "order of the prediction", references=known, poles=None, axes=axes[0])
+    fig.draw_parts(below, "error of the microphones (dB, degrees)", references=known, poles=None, axes=axes[1])
+    for column, limits in enumerate(((1.5, 3.0), (-1.8, 0.6))):
+        axes[0, column].set_ylim(*limits)
+        axes[1, column].set_xscale("log")
+        axes[1, column].set_xticks(ERRORS, [f"{error:g}" for error in ERRORS])
+        axes[1, column].minorticks_off()
+    fig.legend_below(figure, axes[:, 0], 3)
+    return fig.finish(figure, path, "sheared flow, liner 150 mm")
 
 
-@styled
-def draw_ends(rows: Sequence[Row], path: Path) -> Figure:
+@fig.styled
+def draw_ends(rows: Sequence[Row], path: Path) -> fig.Figure:
     """End reflection and Z varying along x."""
-    figure, axes = style.subplots(2, 2, 4.8)
+    figure, axes = fig.subplots(2, 2, 4.8)
     for panels, (study, words) in zip(axes, ACROSS.items(), strict=True):
-        for axis, (part, label) in zip(panels, PARTS, strict=True):
-            for i, method in enumerate((*METHODS, ANECHOIC)):
-                for side in SIDES:
-                    x, z = of(rows, study, side, method)
-                    how: Any = {"linestyle": DASHES[i], "color": DARK[side], "marker": MARKERS[i], "markersize": 3}
-                    axis.plot(x, part_of(z, part), label=f"{method}, {side}", **how)
-            axis.axhline(part_of(TRUE, part), color="k", linewidth=0.8)
-            axis.set(xlabel=words, ylabel=label)
+        curves = []
+        for (i, method), side in itertools.product(enumerate((*METHODS, ANECHOIC)), SIDES):
+            how: Any = {"linestyle": DASHES[i], "color": DARK[side], "marker": fig.MARKERS[i], "markersize": 3}
+            if mine := of(rows, study, side, method):
+                curves.append(fig.curve_of(mine, "value", label=f"{method}, {side}", **how))
+        fig.draw_parts(curves, words, references={"known Z": TRUE}, poles=None, axes=panels)
     axes[0, 0].set_ylim(0.5, 3.5)
     axes[0, 1].set_ylim(-1.5, 0.5)
-    style.legend_below(figure, axes[0, 0], 2)
-    words = "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b); line: (mean) known Z"
-    return style.finish(figure, path, words)
+    fig.legend_below(figure, axes[0, 0], 2)
+    return fig.finish(figure, path, "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b)")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Solve, educe, draw."""
-    return run_study(__doc__, "kt_mismatch", rows_of, draw, arguments)
+main = functools.partial(run_study, __doc__, "kt_mismatch", rows_of, draw)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ given D = B + F, of density lambda^2 D e^(-lambda D), the mean over B of [F e^(-
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 from collections.abc import Sequence
@@ -178,9 +179,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     finish(figure, path.with_name("ldv_effects.png"), legend=3)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw, rebuild, educe."""
-    return run_study(__doc__, "ldv_interpolation", rows_of, draw, arguments)
+main = functools.partial(run_study, __doc__, "ldv_interpolation", rows_of, draw)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 import torchliner as tl
-from calibrate_without_flow import FITS, RULE, calibrated, planes_of
-from common import run_study
+from calibrate_without_flow import FITS, RULE, calibrated
+from common import planes_of, run_study
 from torchliner.liners.sdof import EndLossSDoFLiner
 from torchliner.names import AVERAGINGS
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
@@ -163,9 +163,7 @@ def draw(rows: Sequence[Row], path: Path) -> Figure:
     return finish(figure, path, legend=3)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Fit, leave out, print, draw."""
-    return run_study(__doc__, "mass_loss", rows_of, draw, arguments)
+main = functools.partial(run_study, __doc__, "mass_loss", rows_of, draw)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ it: the wavenumbers need the spacing alone, the impedances both.
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 import warnings
@@ -23,7 +24,7 @@ import torchliner as tl
 from common import FIGURES, parser_of
 from torchliner.io.csv_rows import write_rows
 from torchliner.records.wall_eduction import deviation as deviation_of
-from torchliner.report.figure import COLOURS, PARTS, Figure, finish, part_of, styled, subplots
+from torchliner.report import figure as fig
 from torchliner.studies.variants import Row
 
 HEADER = ("Mach-Number upstream", "temperature upstream", "f", "Mic1 Liner", "Mic10 Liner", "case")
@@ -112,74 +113,61 @@ def plain(row: Row) -> dict[str, str]:
 def print_bands(rows: Sequence[Row], height: float) -> None:
     """Median Z by band, of both waves in both records."""
     for low, high in BANDS:
-        words = []
-        for wave in ("downstream", "upstream"):
-            for source in CASES:
-                z = [
-                    row.z
-                    for row in rows
-                    if (row.direction, row.source, row.method, row.height) == (wave, source, FREE, height)
-                    and low <= row.frequency <= high
-                ]
-                middle = f"{np.median(np.real(z)):.2f}{np.median(np.imag(z)):+.2f}j" if len(z) > 4 else "-"
-                words.append(f"{wave} wave, source {source} {middle}")
+        words, here = [], [r for r in rows if (r.method, r.height) == (FREE, height) and low <= r.frequency <= high]
+        for wave, source in itertools.product(("downstream", "upstream"), CASES):
+            z = np.array([row.z for row in here if (row.direction, row.source) == (wave, source)])
+            middle = f"{np.median(z.real):.2f}{np.median(z.imag):+.2f}j" if len(z) > 4 else "-"
+            words.append(f"{wave} wave, source {source} {middle}")
         print(f"H {1e3 * height:g} mm, {low}-{high} Hz: {'; '.join(words)}")
 
 
-@styled
-def draw(rows: Sequence[Row], heights: Sequence[float], path: Path) -> Figure:
+def curves_of(rows: Sequence[Row], height: float, left_out: str, value: Any) -> list[dict[str, Any]]:
+    """A curve a wave: lines for the fits, dots for Kumaresan and Tufts, open symbols for reflected waves; ``value``
+    takes a row. Fits of the method ``left_out`` are not drawn."""
+    waves: dict[Any, list[Row]] = {}
+    for row in rows:
+        if row.height == height and (row.reflected or row.method != left_out):
+            waves.setdefault((row.direction, row.source, row.method, row.reflected), []).append(row)
+    curves = []
+    for (direction, source, method, reflected), wave in waves.items():
+        fit, colour = method in (TIED, FREE), fig.COLOURS[direction != "downstream"]
+        kind = "reflected" if reflected else "two-wave fit" if fit else "Kumaresan-Tufts"
+        label, some = f"{direction} wave, source {source}: {kind}", wave if fit and not reflected else wave[::THIN]
+        look: dict[str, Any] = {"color": colour, "label": label}
+        if reflected:
+            look = fig.dots("k", "s" if direction == "upstream" else "^", label, markerfacecolor="none", markersize=3)
+        elif not fit:
+            look = fig.dots(colour, "o", label, markersize=2.6)
+        if method == TIED:
+            look["ends"] = [[row[end] for row in some] for end in ("z_low", "z_high")]
+        curves.append(look | {"x": [1e-3 * row.frequency for row in some], "y": [value(row) for row in some]})
+    return curves
+
+
+@fig.styled
+def draw(rows: Sequence[Row], heights: Sequence[float], path: Path) -> fig.Figure:
     """Phase and decay of the waves by fits that know no height; below them R and X under each assumed height, lines by
     fits that tie both waves to one impedance."""
-    figure, axes = subplots(1 + len(heights), 2, 2.15 * (1 + len(heights)) + 0.6)
-    for wave in waves_of([row for row in rows if row.height == heights[0] and row.method != TIED]):
-        draw_wave(axes[0, 0], wave, [abs(row.alpha.real) / row.k for row in wave])
-        draw_wave(axes[0, 1], wave, [NEPER * abs(row.alpha.imag) for row in wave])
-    axes[0, 0].set_ylabel(r"$|\mathrm{Re}\,\alpha|/k$")
-    axes[0, 1].set_ylabel(r"decay (dB m$^{-1}$)")
-    for axis in axes[0]:
-        axis.set_ylim(bottom=0)
+    figure, axes = fig.subplots(1 + len(heights), 2, 2.15 * (1 + len(heights)) + 0.6)
+
+    def wavenumber(row: Row) -> complex:
+        return complex(abs(row.alpha.real) / row.k, NEPER * abs(row.alpha.imag))
+
+    fig.draw_parts(curves_of(rows, heights[0], TIED, wavenumber), fig.KHZ, poles=None, axes=axes[0])
+    for axis, label in zip(axes[0], (r"$|\mathrm{Re}\,\alpha|/k$", r"decay (dB m$^{-1}$)"), strict=True):
+        axis.set(ylabel=label, ylim=(0, None))
     for panels, height in zip(axes[1:], heights, strict=True):
-        for axis, (part, label) in zip(panels, PARTS, strict=True):
-            tied = np.array([part_of(row.z, part) for row in rows if row.height == height and row.method == TIED])
-            for wave in waves_of([r for r in rows if r.height == height and (r.reflected or r.method != FREE)]):
-                if wave[0].method == TIED:
-                    ends = [[part_of(row[end], part) for row in wave] for end in ("z_low", "z_high")]
-                    colour = COLOURS[wave[0].direction != "downstream"]
-                    axis.fill_between([1e-3 * row.frequency for row in wave], *ends, color=colour, alpha=0.2, lw=0)
-                draw_wave(axis, wave, [part_of(row.z, part) for row in wave])
-            low, high = np.percentile(tied, [1, 99])  # a reflected wave that is hardly heard reaches anywhere
+        fig.draw_parts(curves_of(rows, height, FREE, lambda row: row.z), fig.KHZ, poles=None, axes=panels)
+        tied = np.array([row.z for row in rows if (row.height, row.method) == (height, TIED)])
+        for axis, (part, _) in zip(panels, fig.PARTS, strict=True):
+            # A reflected wave that is hardly heard reaches anywhere.
+            low, high = np.percentile(fig.part_of(tied, part), [1, 99])
             margin = 0.2 * (high - low)
             axis.set_ylim(0 if part == "resistance" else low - margin, high + margin)
-            axis.set_ylabel(label)
             axis.text(0.03, 0.95, f"$H = {1e3 * height:g}$ mm", transform=axis.transAxes, va="top", fontsize=8)
     for axis in axes.flat:
         axis.set_xlim(0.18, 1.5)
-    for axis in axes[-1]:
-        axis.set_xlabel("$f$ (kHz)")
-    return finish(figure, path, legend=2)
-
-
-def waves_of(rows: Sequence[Row]) -> list[list[Row]]:
-    """Rows of each wave."""
-    found: dict[Any, list[Row]] = {}
-    for row in rows:
-        found.setdefault((row.direction, row.source, row.method, row.reflected), []).append(row)
-    return list(found.values())
-
-
-def draw_wave(axis: Any, wave: Sequence[Row], values: Sequence[float]) -> None:
-    """Lines for the fits, dots for Kumaresan and Tufts, open symbols for reflected waves."""
-    first, at = wave[0], [1e-3 * row.frequency for row in wave]
-    how = "two-wave fit" if first.method in (TIED, FREE) else "Kumaresan-Tufts"
-    label = f"{first.direction} wave, source {first.source}: {'reflected' if first.reflected else how}"
-    colour = COLOURS[first.direction != "downstream"]
-    if first.reflected:
-        style: Any = {"color": "k", "markerfacecolor": "none", "markersize": 3, "markeredgewidth": 0.6, "zorder": 4}
-        axis.plot(at[::THIN], values[::THIN], "s" if first.direction == "upstream" else "^", label=label, **style)
-    elif how == "two-wave fit":
-        axis.plot(at, values, color=colour, label=label, zorder=3)
-    else:
-        axis.plot(at[::THIN], values[::THIN], "o", color=colour, markersize=2.6, label=label, zorder=2)
+    return fig.finish(figure, path, legend=2)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -22,15 +22,16 @@ import numpy as np
 import torch
 
 import torchliner as tl
-from b2a_line import FRICTION, LENGTH, Turbulence, imprint
+from b2a_line import FRICTION, LENGTH, Turbulence, arrivals, imprint
 from b2a_line import RATE as BURST_RATE
 from common import FIGURES, options_of, parser_of
 from torchliner.duct.case import impedance_along
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import DuctSetup, load_duct
-from torchliner.io.csv_rows import write_rows
 from torchliner.liners.plates import cavity_propagation
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, part_of, styled, subplots
+from torchliner.report import figure as fig
+from torchliner.report.table import table_of
+from torchliner.studies.variants import Row
 
 FREQUENCY, MACH = 1500.0, 0.3
 PLACES, RATE, HEIGHT = 60, 50e3, 1.0e-3  # along the liner; Hz and m of the plane
@@ -41,7 +42,8 @@ SIDES = ("upstream", "downstream")
 BLOCKS = 8  # of the record, for the error of the in situ method
 DRAWS = 500
 TURBULENT_PRESSURE = 3.0  # rms over rho u_tau^2
-Rows = list[dict[str, Any]]
+SHOWN = ("true", "DIR-TDIBC", "in situ")  # Z along the liner
+Rows = list[Row]
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,10 @@ class World:
     """What is, and what can be measured of it.
 
     Args:
-        name: of the turbulence.  side: of the source.
-        setup: duct.  solver: of its field.
-        x: places, m, (P,).
+        name, side: of the turbulence; of the source.
+        setup, solver, field: duct; of its field; with this wall.
+        x, impedance: places, m, and Z there, (P,).
         turbulence: wall-normal velocity into the liner without the tone, m/s, (P, T).
-        impedance: Z at the places, (P,).
-        field: of the duct with that wall.
         literal_error: greatest |Z - Z of the literal sum (3.2)| over every sixth place.
     """
 
@@ -78,15 +78,11 @@ class World:
         """1 over the mean of 1/Z along the liner."""
         return complex(1 / (1 / self.impedance).mean())
 
-    def row(self, method: str, z: Any, low: Any, high: Any) -> dict[str, Any]:
+    def row(self, method: str, z: Any, low: Any, high: Any) -> Row:
         """One educed value and its interval beside the truth."""
-        z, low, high = complex(z), complex(low), complex(high)
-        row: dict[str, Any] = {"turbulence": self.name, "source": self.side, "method": method}
-        row |= {"resistance": z.real, "reactance": z.imag}
-        for part in ("resistance", "reactance"):
-            row |= {f"{part} low": part_of(low, part), f"{part} high": part_of(high, part)}
-        off = z - self.truth
-        return row | {"error of resistance": off.real, "error of reactance": off.imag}
+        z = complex(z)
+        about: Any = {"turbulence": self.name, "source": self.side, "method": method, "impedance": z}
+        return Row(about, low=complex(low), high=complex(high), error=z - self.truth)
 
 
 class Tone(tl.Tones):
@@ -155,15 +151,12 @@ def by_velocity(world: World, liner: Any) -> tuple[Rows, tl.ImpedanceMap]:
     }
     rows = []
     for method, one in found.items():
-        educed = one.liner["admittance"]
-        assert educed.interval is not None
-        rows.append(world.row(method, educed.impedance[0], educed.interval.low[0], educed.interval.high[0]))
+        educed: Any = one.liner["admittance"]
+        rows.append(world.row(method, educed.impedance[0], *educed.interval.bounds(0)))
     return rows, next(iter(found.values()))
 
 
-def by_bursts(
-    world: World, liner: Any, noise: Turbulence, growth: float, stations: int, seconds: float
-) -> dict[str, Any]:
+def by_bursts(world: World, liner: Any, noise: Turbulence, growth: float, stations: int, seconds: float) -> Row:
     """DIR-TDIBC on laser Doppler bursts 1 mm above the holes."""
     x = (np.arange(stations) + 0.5) * LENGTH / stations
     sound = world.field.wall_velocity(x)[0].numpy() * imprint(x, HEIGHT, liner.cell_pitch, liner.orifice_diameter)
@@ -171,17 +164,13 @@ def by_bursts(
     about |= {"incident_level": 145.0, "liner": "onera"}
     records = []
     for i, (place, amplitude) in enumerate(zip(x.tolist(), sound, strict=True)):
-        gaps = np.random.default_rng(7000 + i).exponential(1 / BURST_RATE, int(1.1 * BURST_RATE * seconds))
-        times = np.cumsum(gaps)
-        times = times[times < seconds]
+        random = np.random.default_rng(7000 + i)
+        times = arrivals(random, BURST_RATE, seconds, int(1.1 * BURST_RATE * seconds))
         into = noise.above(times, place, MACH, growth, 8000 + i)
         into += np.real(amplitude * np.exp(2j * np.pi * FREQUENCY * times))
         records.append(tl.BurstRecord(times, wall_normal=-into, x=place, y=HEIGHT, title=f"station {i}", **about))
-    average = tl.educe_bursts(records, liner, FREQUENCY).average
-    assert average is not None
-    assert average.interval is not None
-    ends = average.interval.low[0], average.interval.high[0]
-    return world.row("DIR-TDIBC, laser Doppler, 1 mm", average.impedance[0], *ends)
+    average: Any = tl.educe_bursts(records, liner, FREQUENCY).average
+    return world.row("DIR-TDIBC, laser Doppler, 1 mm", average.impedance[0], *average.interval.bounds(0))
 
 
 def hydrodynamic_pressure(noise: Turbulence, times: np.ndarray) -> np.ndarray:
@@ -241,59 +230,54 @@ def by_microphones(world: World) -> Rows:
         "two-wave fit": tl.two_wave_fit(line, draws=DRAWS),
         "LEE fit": tl.fit_field(line, world.solver, draws=DRAWS),
     }
-    rows = []
-    for method, one in found.items():
-        drawn = one.draws.impedance[:, 0].numpy()
-        ends = (complex(np.quantile(drawn.real, share), np.quantile(drawn.imag, share)) for share in (0.025, 0.975))
-        rows.append(world.row(method, one.impedance[0], *ends))
-    return rows
+    return [world.row(name, one.impedance[0], *(end[0] for end in one.interval())) for name, one in found.items()]
 
 
 def profile(world: World, by_plane: tl.ImpedanceMap, by_cavity: Any) -> Rows:
     """Z along the liner: what it is, and what the local methods say."""
-    rows: Rows = [{"turbulence": world.name, "source": world.side, "x (m)": x} for x in world.x.tolist()]
     local = by_plane.impedance[:, 0], by_cavity.point_impedance[:, 0]
-    for name, column in zip(("true", "DIR-TDIBC", "in situ"), (world.impedance, *local), strict=True):
-        for row, z in zip(rows, column.tolist(), strict=True):
-            row |= {f"{name} resistance": z.real, f"{name} reactance": z.imag}
-    return rows
+    columns = {"x (m)": world.x, **dict(zip(SHOWN, (world.impedance, *local), strict=True))}
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [Row(turbulence=world.name, source=world.side, **dict(zip(columns, row, strict=True))) for row in rows]
 
 
-@styled
-def draw(rows: Rows, profiles: Rows, path: Path) -> Figure:
+@fig.styled
+def draw(rows: Rows, profiles: Rows, path: Path) -> fig.Figure:
     """Along x in the growing turbulence; averages of all methods in both."""
-    figure, axes = subplots(2, 2, 7.2)
+    figure, axes = fig.subplots(2, 2, 7.2)
     growing = list(WORLDS)[-1]
-    methods = [method for method in dict.fromkeys(row["method"] for row in rows) if method != "true"]
-    for column, (word, label) in enumerate(PARTS):
-        axis, dots = axes[:, column]
-        for i, side in enumerate(SIDES):
-            mine = [p for p in profiles if (p["turbulence"], p["source"]) == (growing, side)]
-            for name, shape in (("true", "-"), ("DIR-TDIBC", "x"), ("in situ", "o")):
-                x, y = [1e3 * p["x (m)"] for p in mine], [p[f"{name} {word}"] for p in mine]
-                words = f"(a), (b): {name}, source {side}"
-                axis.plot(x, y, shape, color=COLOURS[i], markersize=3, markerfacecolor="none", label=words)
+    methods = [method for method in dict.fromkeys(row.method for row in rows) if method != "true"]
+    curves = []
+    for i, side in enumerate(SIDES):
+        mine = [p for p in profiles if (p.turbulence, p.source) == (growing, side)]
+        for name, line, marker in zip(SHOWN, ("-", "none", "none"), ("", "x", "o"), strict=True):
+            look: Any = {"color": fig.COLOURS[i], "linestyle": line, "marker": marker, "markersize": 3}
+            look |= {"markerfacecolor": "none", "label": f"(a), (b): {name}, source {side}"}
+            curves.append(fig.curve_of(mine, "x (m)", name, **look))
+    fig.draw_parts(curves, fig.X_MM, poles=None, axes=axes[0])
+    for column, (word, label) in enumerate(fig.PARTS):
+        dots = axes[1, column]
         for row in rows:
-            i, j = SIDES.index(row["source"]), list(WORLDS).index(row["turbulence"])
-            if row["method"] == "true":
-                dots.axvline(row[word], color=COLOURS[i], linewidth=0.8, linestyle=("--", "-")[j])
+            i, j, z = SIDES.index(row.source), list(WORLDS).index(row.turbulence), fig.part_of(row.impedance, word)
+            if row.method == "true":
+                dots.axvline(z, color=fig.COLOURS[i], linewidth=0.8, linestyle=("--", "-")[j])
                 continue
-            up = -methods.index(row["method"]) - 0.18 * (2 * i + j - 1.5)
-            style: Any = {"color": COLOURS[i], "markersize": 3.5, "markerfacecolor": COLOURS[i] if j else "white"}
-            dots.plot([row[f"{word} low"], row[f"{word} high"]], [up, up], color=COLOURS[i], linewidth=0.8)
-            dots.plot(row[word], up, MARKERS[i], label=f"source {row['source']}, {row['turbulence']}", **style)
-        axis.set(xlabel="$x$ (mm)", ylabel=label)
+            up = -methods.index(row.method) - 0.18 * (2 * i + j - 1.5)
+            colour, ends = fig.COLOURS[i], [fig.part_of(row[end], word) for end in ("low", "high")]
+            style: Any = {"color": colour, "markersize": 3.5, "markerfacecolor": colour if j else "white"}
+            dots.hlines(up, *ends, color=colour, linewidth=0.8)
+            dots.plot(z, up, fig.MARKERS[i], label=f"source {row.source}, {row.turbulence}", **style)
         dots.set_yticks([-i for i in range(len(methods))], methods if column == 0 else [])
         dots.tick_params(axis="y", length=0)
         for i in range(len(methods) - 1):
             dots.axhline(-i - 0.5, color="0.9", linewidth=0.5, zorder=0)
         dots.set(xlabel=label, ylim=(-len(methods) + 0.5, 0.5))
-    legend_below(figure, axes[:, 0], 2)
+    fig.legend_below(figure, axes[:, 0], 2)
     caption = (
         f"SIMULATED, Z known: B2A, Mach 0.3, 1500 Hz, 145 dB, liner onera. (a), (b): {growing};"
         "\n(c), (d): averages along x, lines: known Z; bars: 95 % of what the record or the draws leave"
     )
-    return finish(figure, path, caption)
+    return fig.finish(figure, path, caption)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -313,9 +297,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             world = settle(name, side, liner, turbulence, x)
             z = world.impedance
             print(
-                f"{name}, source {side}: true Z {world.truth:.4f}, R {z.real.min():.3f} to "
-                f"{z.real.max():.3f}, X {z.imag.min():.3f} to {z.imag.max():.3f} along x; the "
-                f"literal sum is off by {world.literal_error:.1e} at most",
+                f"{name}, source {side}: true Z {world.truth:.4f}, R {z.real.min():.3f} to {z.real.max():.3f}, X "
+                f"{z.imag.min():.3f} to {z.imag.max():.3f} along x; literal sum off by {world.literal_error:.1e}",
                 flush=True,
             )
             planes, by_plane = by_velocity(world, liner)
@@ -324,14 +307,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rows += [*planes, bursts, *pressures, *by_microphones(world)]
             rows.append(world.row("true", world.truth, world.truth, world.truth))
             profiles += profile(world, by_plane, by_cavity)
-    for row in rows:
-        print(
-            f"{row['turbulence'][11:18]:8s} {row['source']:10s} {row['method']:34s} "
-            f"{row['resistance']:.3f}{row['reactance']:+.3f}j  off by "
-            f"{row['error of resistance']:+.3f} {row['error of reactance']:+.3f}"
-        )
-    write_rows(rows, options.output / "side_by_side.csv")
-    write_rows(profiles, options.output / "side_by_side_along_x.csv")
+    print(table_of(rows, "turbulence,source,method,impedance,error").as_text())
+    table_of(rows).write_csv(options.output / "side_by_side.csv")
+    table_of(profiles).write_csv(options.output / "side_by_side_along_x.csv")
     draw(rows, profiles, options.output / "side_by_side.png")
     return 0
 

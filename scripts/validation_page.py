@@ -19,7 +19,7 @@ from typing import Any
 from scipy.optimize import brentq
 
 import torchliner as tl
-from common import DATA, FIGURES, ROOT, case_files, options_of, page_table, parser_of, write_tables
+from common import DATA, FIGURES, ROOT, options_of, page_table, parser_of, planes_of, write_tables
 from studies.limits import hole_velocity, reach, speed_that_gives
 from studies.validation_figures import FASTEST, draw_reach, draw_validation_errors
 from torchliner.io.csv_rows import write_rows
@@ -46,11 +46,6 @@ CASES = ("n115", "n130", "n145", "g01_145", "g03_145", "o115", "o130", "o145", "
 REASONED = tuple(case for case in CASES if case != "t00_130")  # whose record is too short for them
 CHECKED = "phase-locked"  # the averaging whose level check the page shows
 PAIRS = ("for_resistance", "for_reactance", "factor", "contraction")
-
-
-def planes_of(case: str) -> list[tl.VelocityPlane]:
-    """Shipped planes of a case, lowest first."""
-    return [tl.read_plane(path) for path in case_files(case)]
 
 
 def liner_of(case: str) -> tl.SDoFLiner:

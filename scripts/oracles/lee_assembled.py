@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from torchliner.duct.solver import wall_matrices
 from torchliner.names import DIRECTIONS
 
 Complex = NDArray[np.complex128]
+Blocks = defaultdict[tuple[int, int], Complex]
 
 
 def solve_assembled(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -> tuple[Complex, float]:
@@ -51,7 +54,7 @@ def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -
     size = 3 * n * n
     y = mesh.y[:-1, None] + np.diff(mesh.y)[:, None] * basis.nodes.numpy()
     modes = [duct_modes(case.profile, hertz, count=1, direction=d) for d in DIRECTIONS]
-    blocks = _Blocks(count, len(mesh.widths), size)
+    blocks: Blocks = defaultdict(lambda: np.zeros((size, size), np.complex128))
     along = n * (2 if flow else 1)
     ahead, back = slice(0, along), slice(along, along + n)
     up, down = slice(along + n, along + 2 * n), slice(along + 2 * n, along + 3 * n)
@@ -63,24 +66,25 @@ def assemble(case: DuctCase, frequency: float, impedance: Any, mesh: DuctMesh) -
         ports.append((incoming, outgoing))
         own = (steady + 1j * k * mass).numpy()
         for e in range(count):
-            blocks.add(c, e, c, e, own[e])
+            i = c * count + e
+            blocks[i, i] += own[e]
             if e > 0:
-                blocks.add(c, e, c, e - 1, -incoming[e][:, up] @ outgoing[e - 1][up])
-                blocks.add(c, e - 1, c, e, -incoming[e - 1][:, down] @ outgoing[e][down])
+                blocks[i, i - 1] -= incoming[e][:, up] @ outgoing[e - 1][up]
+                blocks[i - 1, i] -= incoming[e - 1][:, down] @ outgoing[e][down]
             if c > 0:
-                blocks.add(c, e, c - 1, e, -incoming[e][:, ahead] @ ports[c - 1][1][e][ahead])
-                blocks.add(c - 1, e, c, e, -ports[c - 1][0][e][:, back] @ outgoing[e][back])
+                blocks[i, i - count] -= incoming[e][:, ahead] @ ports[c - 1][1][e][ahead]
+                blocks[i - count, i] -= ports[c - 1][0][e][:, back] @ outgoing[e][back]
         top = count - 1
-        blocks.add(c, top, c, top, -incoming[top][:, down] @ outgoing[top][up])
+        blocks[i, i] -= incoming[top][:, down] @ outgoing[top][up]
         lined = int(mesh.lined[: c + 1].sum()) - 1
         returns = wall[lined] if mesh.lined[c] else np.eye(n)
-        blocks.add(c, 0, c, 0, -incoming[0][:, up] @ returns @ outgoing[0][down])
+        blocks[c * count, c * count] -= incoming[0][:, up] @ returns @ outgoing[0][down]
     right = _close_ends(blocks, case, mesh, basis, modes, y.ravel(), ports, along)
-    return blocks.matrix(), right
+    return matrix_of(blocks, size), right
 
 
 def _close_ends(
-    blocks: _Blocks,
+    blocks: Blocks,
     case: DuctCase,
     mesh: DuctMesh,
     basis: Basis,
@@ -92,7 +96,7 @@ def _close_ends(
     """Both ends' rank-one closures into the matrix; the right-hand side of the incident mode."""
     n, count = basis.count, len(mesh.y) - 1
     means = (np.diff(mesh.y)[:, None] * basis.weights.numpy() / case.height).ravel()
-    right = np.zeros(blocks.shape, np.complex128)
+    right = np.zeros((len(ports), count, 3 * n * n), np.complex128)
     upstream = case.source == "upstream"
     returns = [complex(case.source_reflection), complex(case.end_reflection)]
     returns = returns if upstream else returns[::-1]
@@ -119,26 +123,14 @@ def _close_ends(
             right[c, e] += incoming[e][:, ins] @ drive[:, e].ravel()
             for other in range(count):
                 row = means.reshape(count, n)[other] @ outgoing[other][outs]
-                blocks.add(c, e, c, other, -np.outer(column, row))
+                blocks[c * count + e, c * count + other] -= np.outer(column, row)
     return right.ravel()
 
 
-class _Blocks:
-    """Dense blocks of a sparse matrix, by element."""
-
-    def __init__(self, count: int, columns: int, size: int) -> None:
-        self.count, self.size = count, size
-        self.shape = (columns, count, size)
-        self.parts: list[tuple[NDArray[np.int64], NDArray[np.int64], Complex]] = []
-
-    def add(self, c: int, e: int, from_c: int, from_e: int, block: NDArray[Any]) -> None:
-        """What element (from_c, from_e) does to the equations of (c, e)."""
-        rows, columns = np.nonzero(block)
-        start, start_from = ((a * self.count + b) * self.size for a, b in ((c, e), (from_c, from_e)))
-        values = block[rows, columns].astype(np.complex128)
-        self.parts.append((rows + start, columns + start_from, values))
-
-    def matrix(self) -> sparse.csc_matrix:
-        rows, columns, values = (np.concatenate(part) for part in zip(*self.parts, strict=True))
-        total = int(np.prod(self.shape))
-        return sparse.coo_matrix((values, (rows, columns)), (total, total)).tocsc()
+def matrix_of(blocks: Mapping[tuple[int, int], Complex], size: int) -> sparse.csc_matrix:
+    """Sparse, of dense blocks by their row and column of blocks."""
+    rows, columns = size * np.array([*blocks]).T[:, :, None, None] + np.indices((size, size))[:, None]
+    every = np.stack([*blocks.values()]).ravel()
+    found = sparse.coo_matrix((every, (rows.ravel(), columns.ravel()))).tocsc()
+    found.eliminate_zeros()
+    return found
