@@ -27,8 +27,9 @@ from studies.answers_figures import draw_background, draw_parity
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.drives import incoherent_square, phase_locked
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.table import format_complex
+from torchliner.report.table import format_complex, table_of
 from torchliner.studies.calibrate import calibrate_without_flow
+from torchliner.studies.variants import Row
 from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import reading_of, take_moments
@@ -66,64 +67,53 @@ def liner_of(case: str) -> Any:
     return calibrate_without_flow(runs, tl.load_liner(runs[0].liner), allow_short=True)[0].liner
 
 
-def row_of(case: str, plane: tl.VelocityPlane) -> dict[str, Any]:
-    """Every answer to one plane."""
+def row_of(case: str, plane: tl.VelocityPlane) -> Row:
+    """Every answer to one plane; nan where there is none."""
     about: Any = {"allow_short": True, "interval": None}
     quiet, liner = quiet_of(case), liner_of(case)
     preset = tl.educe(plane, tl.load_liner(plane.liner), **about)
     own = tl.educe(plane, liner, level_matched=True, **about)
     best = tl.educe(plane, liner, background=quiet, **about) if quiet else own
     check, matched, unknown = best.level_check, own.level_matched, complex(math.nan, math.nan)
-    gap = math.nan if check is None else float(check.liner.level[check.averagings.index(best.averaging), 0])
-    answers = {
-        "preset": complex(preset.answer[0]),
-        "calibrated": complex(own.answer[0]),
-        "background": complex(best.answer[0]) if quiet else unknown,
-        "matched": unknown if matched is None else complex(matched.impedance[0]),
-        "true": complex(plane.reference["true"]),
-    }
-    row = {
-        "case": case,
-        "fitted": int(any(case in each for each in FITTED.values())),
-        "height": plane.height,
-        "mach": plane.mach,
-        "velocity_ratio": own.choices["velocity_ratio"] or math.nan,
-        "share": math.nan if matched is None else float(matched.share[0]),
-        "level_check": gap,
-    }
-    for name, z in answers.items():
-        row |= {f"{name}_resistance": z.real, f"{name}_reactance": z.imag}
-    return row
+    return Row(
+        case=case,
+        fitted=int(any(case in each for each in FITTED.values())),
+        height=plane.height,
+        mach=plane.mach,
+        velocity_ratio=own.choices["velocity_ratio"] or math.nan,
+        share=math.nan if matched is None else float(matched.share[0]),
+        level_check=math.nan if check is None else float(check.liner.level[check.averagings.index(best.averaging), 0]),
+        preset=complex(preset.answer[0]),
+        calibrated=complex(own.answer[0]),
+        background=complex(best.answer[0]) if quiet else unknown,
+        matched=unknown if matched is None else complex(matched.impedance[0]),
+        true=complex(plane.reference["true"]),
+    )
 
 
-def value_of(row: dict[str, Any], name: str) -> complex:
-    """Z of a column."""
-    return complex(row[f"{name}_resistance"], row[f"{name}_reactance"])
-
-
-def right(row: dict[str, Any], name: str) -> bool:
+def right(row: Row, name: str) -> bool:
     """Whether R of a column is within 15 %."""
-    return abs(value_of(row, name).real / row["true_resistance"] - 1) <= NEAR_R
+    return abs(row[name].real / row.true.real - 1) <= NEAR_R
 
 
-def answer_tables(rows: Rows) -> dict[str, str]:
+def answer_tables(rows: Sequence[Row]) -> dict[str, str]:
     """Every answer, those fitted marked, and the level check of the last prediction; how many of the planes that were
     not fitted come out within 15 % in R and 0.1 in X; what the level check says of the last prediction."""
     lines, scores = [], []
     for row in rows:
-        cells = [format_complex(z) if z == z else "-" for z in (value_of(row, name) for name in COLUMNS)]
+        cells = [format_complex(z) if z == z else "-" for z in (row[name] for name in COLUMNS)]
         cells[1] += " *" * row["fitted"]
         verdict = f"{row['level_check']:+.2f} {'passes' if abs(row['level_check']) <= PASSES else 'fails'}"
-        true = format_complex(value_of(row, "true"))
+        true = format_complex(row.true)
         lines.append([row["case"], f"{1e3 * row['height']:.1f}", true, *cells, verdict])
     for height in HEIGHTS:
         mine, cells = [row for row in rows if abs(row["height"] / height - 1) < 0.01 and not row["fitted"]], []
         for name in COLUMNS:
-            there = [row for row in mine if value_of(row, name) == value_of(row, name)]
-            close = sum(abs(row[f"{name}_reactance"] - row["true_reactance"]) <= NEAR_X for row in there)
+            there = [row for row in mine if row[name] == row[name]]
+            close = sum(abs(row[name].imag - row.true.imag) <= NEAR_X for row in there)
             cells.append(f"{sum(right(row, name) for row in there)}, {close} of {len(there)}")
         scores.append([f"{1e3 * height:.1f}", *cells])
-    last = ["calibrated" if math.isnan(row["background_resistance"]) else "background" for row in rows]
+    last = ["background" if row.background == row.background else "calibrated" for row in rows]
     found = [(right(row, name), abs(row["level_check"]) <= PASSES) for row, name in zip(rows, last, strict=True)]
     passed, both, missed = sum(passes for _, passes in found), found.count((True, True)), found.count((True, False))
     words = (
@@ -314,8 +304,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tables |= {"rule": rule_table(), "candidates": candidate_table(needed), "shares": share_table(shares)}
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
-    for name, some in {"parity": rows, "background": needed, "velocity_ratio": shares}.items():
-        write_rows(some, options.output / f"{name}.csv", ".5g")
+    files: dict[str, Rows] = {"parity": rows, "background": needed, "velocity_ratio": shares}
+    for name, some in files.items():
+        write_rows(table_of(some).as_rows(), options.output / f"{name}.csv", ".5g")
     draw_parity(rows, options.output / "parity.png")
     draw_background(needed, options.output / "background.png")
     for page in ("validation.md", "background.md") if options.output == FIGURES else ():

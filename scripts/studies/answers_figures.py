@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, entry, finish, part_of, styled, subplots
+from torchliner.studies.variants import Row
 
 LIMIT, LOWEST = 0.3, 6e-4  # dB; m: the parity shows planes up to this height
 KINDS = {"n": "slit", "g": "slit with flow", "o": "orifice", "t": "orifice, coarser lattice"}
@@ -23,11 +24,11 @@ def kind_of(row: dict[str, Any]) -> str:
 
 
 @styled
-def draw_parity(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
+def draw_parity(rows: Sequence[Row], path: Path) -> Figure:
     """R and X against the reference at 0.5 mm: preset as crosses; calibrated without flow, with the run without sound
     where there is one, as symbols, filled where the level check passes."""
     figure, axes = subplots(1, 2, 3.0)
-    shown = [row for row in rows if row["height"] <= LOWEST]
+    shown = [row for row in rows if row.height <= LOWEST]
     kinds = list(dict.fromkeys(map(kind_of, shown)))
     for axis, (part, label) in zip(axes[0], PARTS, strict=True):
         resistance = part == "resistance"
@@ -37,11 +38,12 @@ def draw_parity(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
         axis.plot(ends, ends, color="k", linewidth=0.8)
         axis.fill_between(ends, low, high, color="0.9", zorder=0)
         for row in shown:
-            k, true = kinds.index(kind_of(row)), sign * row[f"true_{part}"]
-            best = row[f"{'calibrated' if math.isnan(row['background_resistance']) else 'background'}_{part}"]
-            face = COLOURS[k] if abs(row["level_check"]) <= LIMIT else "white"
-            axis.plot(true, sign * row[f"preset_{part}"], "x", color="0.6", markersize=3.5, zorder=1)
-            axis.plot(true, sign * best, MARKERS[k], color=COLOURS[k], markersize=4.5, markerfacecolor=face)
+            k, true = kinds.index(kind_of(row)), sign * part_of(row.true, part)
+            best = row.background if row.background == row.background else row.calibrated
+            style: Any = {"color": COLOURS[k], "markersize": 4.5}
+            style["markerfacecolor"] = COLOURS[k] if abs(row.level_check) <= LIMIT else "white"
+            axis.plot(true, sign * part_of(row.preset, part), "x", color="0.6", markersize=3.5, zorder=1)
+            axis.plot(true, sign * part_of(best, part), MARKERS[k], **style)
         name = label if sign > 0 else f"−{label}"
         axis.set(xlabel=f"reference {name}", ylabel=f"educed {name}")
         if resistance:
@@ -49,9 +51,9 @@ def draw_parity(rows: Sequence[dict[str, Any]], path: Path) -> Figure:
             axis.xaxis.set_major_formatter("{x:g}")
             axis.yaxis.set_major_formatter("{x:g}")
         axis.set(xlim=ends, ylim=ends)
-    axes[0, 0].plot([], [], "x", color="0.6", markersize=3.5, label="preset")
+    entry(axes[0, 0], "preset", "x", color="0.6", markersize=3.5)
     for k, kind in enumerate(kinds):
-        axes[0, 0].plot([], [], MARKERS[k], color=COLOURS[k], markersize=4.5, label=kind)
+        entry(axes[0, 0], kind, MARKERS[k], color=COLOURS[k], markersize=4.5)
     return finish(figure, path, legend=3)
 
 
