@@ -135,6 +135,10 @@ def same_bits(one, two):
     return one == two
 
 
+def codes(found) -> list[str]:
+    return [note.code for note in found.notes]
+
+
 def load_script(name: str):
     """A file of scripts/ as a module."""
     path = DATA.parent / "scripts" / f"{name}.py"

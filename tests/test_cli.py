@@ -141,6 +141,9 @@ JSON = {  # words, and the same in Python: of the plane at 2.5 mm and of its lin
     "sensitivity y2.5mm.h5 --parameters porosity": lambda p, n: (
         tl.sensitivities(p, n, None, ["porosity"]).found.liner["velocity"].impedance
     ),
+    "sensitivity y2.5mm.h5 --tolerance orifice_diameter=0.02mm --tolerance porosity=2%": lambda p, n: (
+        tl.sensitivities(p, n).propagate({"orifice_diameter": "0.02 mm", "porosity": "2 %"}).combined["velocity"]
+    ),
     "calibrate y2.5mm.h5 --free porosity=0.01:0.2": lambda p, n: tl.calibrate(
         p, n, "true", {"porosity": (0.01, 0.2)}
     ).numbers["porosity"],
@@ -220,6 +223,7 @@ REFUSED = [  # words, and what the one line names
     (f"calibrate {SLIT} --free porosity=1", "NAME=LOW:HIGH"),
     (f"calibrate {SLIT} --free porosity=1:2 --free porosity", "once"),
     (f"compare-models {SLIT} --liner polito --liner polito", "once"),
+    (f"height {DATA}/slit_g03_145_y0.5mm.h5 {DATA}/orifice_o145_y1.0mm.h5", "liners, lbm_orifice, lbm_slit"),
     ("reduce moments_0.5.h5 -o m.h5", "the plane that was reduced"),
     ("reduce y0.5mm.h5", "required"),
     ("reduce y0.5mm.h5 -o m.h5 --liner polito --cell-pitch 0.01", "only where no liner is given"),

@@ -1,17 +1,20 @@
-"""Differences of two maps, and what their intervals are."""
-
-from __future__ import annotations
+"""Differences of two maps, models compared on one plane, and the nearest of the shipped reference cases."""
 
 from dataclasses import replace
 from functools import cache
 
 import pytest
 import torch
-from conftest import plane_of, turbulence
+from conftest import DATA, plane_of, turbulence
 
 import torchliner as tl
+from torchliner.cli.main import main
+from torchliner.names import AVERAGINGS
+from torchliner.studies.validation import distance_of, factors_of, nearest_case, reference_cases, setting_of
+from torchliner.studies.variants import Row
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+
 X = [0.0, 0.004, 0.008, 0.02, 0.024, 0.028]
 
 
@@ -27,10 +30,7 @@ def test_the_difference_and_its_interval_of_independent_records():
     a, b = made(0), made(1)
     found = tl.compare(a, b)
     assert not found.same_run
-    assert [row.place for row in found.rows] == [
-        "liner",
-        *(f"cell {i}" for i in range(a.cell_x.numel())),
-    ]
+    assert [row.place for row in found.rows] == ["liner", *(f"cell {i}" for i in range(a.cell_x.numel()))]
     row = found.rows[0]
     assert row.difference == complex(b.answer[0] - a.answer[0])
     (a_low, a_high), (b_low, b_high) = (each.bounds_of_liner("admittance") for each in (a, b))
@@ -44,7 +44,6 @@ def test_the_difference_and_its_interval_of_independent_records():
 
 
 def test_one_run_is_seen_and_bounded_from_above():
-    """The same samples under other choices: half-widths add."""
     again = made(0, rms=3.0, drive="rms")
     found = tl.compare(made(0), again)
     assert found.same_run
@@ -61,11 +60,8 @@ def test_what_a_record_does_not_bound_has_no_bounded_difference(same):
     """inf - inf is no number; the difference is unbounded, and shows nothing."""
     first, second = made(0), made(0 if same else 1)
     known = first.liner["admittance"]
-    ends = {
-        end: torch.full_like(known.low, complex(sign * torch.inf, sign * torch.inf))
-        for end, sign in (("low", -1), ("high", 1))
-    }
-    open_ended = replace(known, interval=replace(known.interval, **ends))
+    endless = torch.full_like(known.low, complex(torch.inf, torch.inf))
+    open_ended = replace(known, interval=replace(known.interval, low=-endless, high=endless))
     first = replace(first, liner={**first.liner, "admittance": open_ended})
     for found in (tl.compare(first, second), tl.compare(second, first)):
         assert found.same_run is same
@@ -117,3 +113,181 @@ def test_averagings_must_be_held_by_both():
     moved = replace(made(0), cell_x=made(0).cell_x + 1e-3)
     with pytest.raises(ValueError, match="other cells"):
         tl.compare(made(0), moved)
+
+
+PLANE = DATA / "slit_n130_y0.5mm.h5"
+NAMES = ("lbm_orifice", "lbm_slit", "goodrich_example")
+
+
+def presets(names=NAMES):
+    return {name: tl.load_liner(name).replace(cell_pitch=12.45e-3) for name in names}
+
+
+def noisy(**facts):
+    noise = torch.Generator().manual_seed(3)
+    t = torch.arange(4200, dtype=torch.float64) / 42e3
+    velocity = 0.5 * torch.randn(10, 4200, dtype=torch.float64, generator=noise)
+    velocity = velocity + torch.cos(2 * torch.pi * 1500.0 * t)
+    x = 1e-3 * torch.arange(10.0, dtype=torch.float64)
+    return tl.VelocityPlane(velocity, sampling_rate=42e3, x=x, **{"frequency": 1500.0, "height": 1e-3} | facts)
+
+
+def test_each_row_is_what_educe_gives():
+    plane, liners = tl.read_plane(PLANE), presets()
+    found = tl.compare_models(plane, liners, [1000.0, 1400.0], dtype="float64")
+    assert len(found.rows) == 6
+    for name, liner in liners.items():
+        alone = tl.educe(plane, liner, [1000.0, 1400.0], dtype="float64")
+        for i, row in enumerate(row for row in found.rows if row.model == name):
+            assert row.frequency == (1000.0, 1400.0)[i]
+            assert abs(row.impedance - complex(alone.answer[i])) < 1e-7
+            low, high = alone.bounds_of_liner(alone.averaging, i)
+            assert max(abs(row.low - low), abs(row.high - high)) < 1e-6
+            assert row.model_error <= 1e-9
+        check = alone.level_check
+        wanted = float(check.liner.level[check.averagings.index(alone.averaging), 1])
+        assert row.level_check == pytest.approx(wanted, abs=1e-5)
+
+
+def test_the_nearest_to_the_reference_comes_first():
+    found = tl.compare_models(tl.read_plane(PLANE), presets())
+    assert found.sorted_by == "|Z - true|"
+    off = [row.distance["true"] for row in found.rows]
+    assert found.rows[0].model == "lbm_slit"
+    assert off == sorted(off)
+    assert off[0] < 0.01 < 0.05 < off[1]
+    for row in found.rows:
+        assert row.distance["true"] == abs(row.impedance - found.references["true"])
+
+
+def test_without_reference_the_level_check_sorts_and_without_a_level_nothing():
+    liners = presets()
+    known = tl.compare_models(noisy(incident_level=140.0, source_side="normal"), liners)
+    assert known.sorted_by == "|level check|"
+    off = [abs(row.level_check) for row in known.rows]
+    assert off == sorted(off)
+    assert off[0] < off[-1]
+    found = tl.compare_models(noisy(), liners)
+    assert found.sorted_by == "as given"
+    assert [row.model for row in found.rows] == list(liners)
+    assert found.rows[0].level_check is None
+    assert found.rows[0].distance == {}
+
+
+def test_one_pass_over_the_data_for_all_models():
+    plane, done = noisy(), []
+    tl.educe(plane, presets()["lbm_slit"], progress=done.append)
+    alone, done[:] = sum(done), []
+    tl.compare_models(plane, presets(), progress=done.append)
+    assert sum(done) == alone
+
+
+def test_moments_serve_as_well(tmp_path):
+    plane = noisy()
+    tl.moments(plane, cell_pitch=12.45e-3).write(tmp_path / "m.h5")
+    known = tl.read_moments(tmp_path / "m.h5")
+    liners = presets(("polito", "mesh_example"))
+    found, direct = tl.compare_models(known, liners), tl.compare_models(plane, liners)
+    for one, other in zip(found.rows, direct.rows, strict=True):
+        assert abs(one.impedance - other.impedance) < 1e-5
+    with pytest.raises(ValueError, match=r"reduced for cells of 12.45 mm, and the liner.s are of 5 mm"):
+        tl.compare_models(known, liners, cell_pitch=5e-3)
+
+
+@pytest.mark.filterwarnings("always::torchliner.DataWarning")
+def test_cells_belong_to_the_data():
+    liners = {name: tl.load_liner(name) for name in ("onera", "lbm_orifice", "mesh_example")}
+    for plane, options, words in (
+        (noisy(), {}, r"cells are of 12.44 mm for all models; as files: .*4.428"),
+        (noisy(), {"cell_pitch": 3e-3}, r"cells are of 3 mm"),
+        (tl.read_plane(PLANE), {}, r"cells are of 12.45 mm"),
+    ):
+        with pytest.warns(tl.DataWarning, match=words):
+            found = tl.compare_models(plane, liners, **options)
+        if options:
+            alone = tl.educe(noisy(), liners["onera"].replace(**options))
+            (mine,) = found.of(model="onera")
+            assert mine.impedance == pytest.approx(complex(alone.answer[0]), abs=1e-9)
+    assert liners["onera"].cell_pitch == 12.44e-3
+
+
+@pytest.mark.parametrize("reduced", [False, True])
+def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
+    """By ``educe`` and here; the plane's turbulence is in |v| already."""
+    calm = tl.load_liner("goodrich_example")
+    plate = calm.layers[0]
+    still_plate = {n: each.value for n, each in plate.numbers().items()}
+    windy = tl.sheet("goodrich", **still_plate | {"mach": 0.3, "displacement_thickness": 1.7e-3})
+    liner = calm.replace(layers=(windy, calm.layers[1]), open_area_fraction=0.5)
+    still = calm.replace(open_area_fraction=0.5)
+    added = complex(liner.impedance(1500.0, 1.0) - still.impedance(1500.0, 1.0)).real
+    assert liner.flow_resistance == pytest.approx(added, rel=0.05)  # and takes some friction away
+    plane = noisy()
+    given = tl.moments(plane, cell_pitch=liner.cell_pitch) if reduced else plane
+    with pytest.warns(tl.DataWarning, match=rf"windy: .* adds {liner.flow_resistance:.3g} rho c .* count twice"):
+        tl.compare_models(given, {"calm": calm, "windy": liner})
+    assert "flow-counted-twice" in {note.code for note in tl.educe(given, liner).notes}
+    assert not [note for note in tl.educe(plane, calm).notes if note.code == "flow-counted-twice"]
+
+
+HOLE = Row(hole="round hole", hole_diameter=1.2e-3, porosity=0.058, mach=0.0, speed=0.8, velocity_rms=2.6, height=1e-3)
+
+
+def map_like(**about):
+    """A tone of 1.16 m/s peak over the orifice, without turbulence: o145 in its cell's mean."""
+    liner = about.pop("liner", tl.load_liner("lbm_orifice").replace(name="mine"))
+    t = torch.arange(480, dtype=torch.float64) / 42000.0
+    tone = about.pop("speed", 0.82) * 2**0.5 * torch.cos(2 * torch.pi * 1400 * t)
+    plane = plane_of(tone.expand(3, -1), **{"height": 5e-4, "mach": 0.0, **about})
+    return tl.educe(plane, liner, interval=None)
+
+
+def test_the_shipped_table_has_every_case_and_averaging():
+    cases = [known.case for known in reference_cases()]
+    assert len(set(cases)) == 11
+    assert len(cases) == 37
+    assert all(tuple(known.educed) == tuple(AVERAGINGS) for known in reference_cases())
+    (one,) = [k for k in reference_cases() if k.case == "o145" and k.height == 5e-4]
+    assert one.reference == 1.099 - 0.511j
+    assert one.educed["velocity"] == pytest.approx(0.528 - 0.396j, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "case"),
+    [
+        ({"speed": 0.22}, "t00_130"),
+        ({"speed": 0.05}, "o115"),
+        ({"liner": tl.load_liner("lbm_slit"), "speed": 0.26}, "n130"),
+    ],
+)
+def test_the_nearest_is_by_speed_mach_and_hole(change, case):
+    assert f"case, {case} (" in nearest_case(map_like(**change))
+
+
+@pytest.mark.parametrize("change", [{}, {"speed": 8.0}, {"mach": None}, {"mach": 0.5, "speed": 0.09}])
+def test_of_what_is_not_near_nothing_is_said(change):
+    assert nearest_case(map_like(**change)) == ""
+
+
+def test_porosity_counts_as_the_speed_does():
+    """Half the open area is twice the velocity in the holes."""
+    assert factors_of(HOLE, Row(HOLE, porosity=0.029)) == pytest.approx([0.5, 0.5])
+    assert distance_of(HOLE, HOLE) == 0
+    assert distance_of(HOLE, Row(HOLE, hole="slit")) == 1
+    assert distance_of(HOLE, Row(HOLE, mach=0.3)) == pytest.approx(3)
+
+
+def test_a_grazing_tone_is_not_averaged_away(liner):
+    """Its phase turns along x: the rms over probes stands for it."""
+    t = torch.arange(480, dtype=torch.float64) / 42000.0
+    turn = torch.linspace(0, 2 * torch.pi, 9)[:8, None]
+    v = torch.cos(2 * torch.pi * 1400 * t + turn)
+    for side, speed in (("upstream", 0.5**0.5), ("normal", 0.0)):
+        found = tl.educe(plane_of(v, source_side=side), liner, interval=None)
+        assert setting_of(found).speed == pytest.approx(speed, abs=0.02)
+
+
+@pytest.mark.parametrize("command", ["educe", "audit"])
+def test_commands_print_it(command, capsys):
+    assert main([command, str(DATA / "slit_n130_y2.5mm.h5"), "--quiet", "--verbose"]) == 0
+    assert "in the nearest reference case, n130 (0.26 m/s at the tone" in capsys.readouterr().out

@@ -1,7 +1,5 @@
 """Ducts from TOML, and ``torchliner duct``."""
 
-from __future__ import annotations
-
 import csv
 import json
 import warnings
@@ -99,7 +97,6 @@ def with_table(tmp_path):
 
 
 def test_a_table_is_read_by_its_names_and_units(tmp_path):
-    """Any order, millimetres, decimal commas, short names: the same wall."""
     at = torch.tensor([0.0, 0.06, 0.15]).double()
     walls = []
     for text in (
@@ -117,13 +114,11 @@ def test_a_table_is_read_by_its_names_and_units(tmp_path):
 
 
 def test_a_change_replaces_what_says_the_same(tmp_path):
-    """A new wall takes the place of a file of walls, a new profile that of the old one's parts."""
     (tmp_path / "z.csv").write_text(HEADER + "0,2,-0.3\n150,2,-0.3\n")
     path = with_table(tmp_path)
-    assert load_duct(path, impedance=[1.5 + 0.2j]).impedance.tolist() == [1.5 + 0.2j]
     assert callable(load_duct(path).impedance)
-    assert load_duct(path, impedance=1.5 + 0.2j).impedance.tolist() == [1.5 + 0.2j]
-    assert load_duct(path, impedance=np.array([2.0])).impedance.tolist() == [2.0]
+    for given, wanted in (([1.5 + 0.2j], 1.5 + 0.2j), (1.5 + 0.2j, 1.5 + 0.2j), (np.array([2.0]), 2.0)):
+        assert load_duct(path, impedance=given).impedance.tolist() == [wanted]
     for hard in ("rigid", np.inf):
         assert load_duct(path, impedance=hard).impedance.real.tolist() == [np.inf]
     thick = write(tmp_path, ("shear = 0.1 ", "shear = 0.2 "))
@@ -136,7 +131,6 @@ def test_a_change_replaces_what_says_the_same(tmp_path):
 
 
 def test_solve_prints_what_it_writes(tmp_path, capsys):
-    """JSON, HDF5 and pictures; the file is a line of microphones that kt reads."""
     words, out = ["duct", "solve", "b2a", *SMALL, *MESH, "--quiet"], tmp_path / "m.h5"
     assert main([*words, "--json", "--field", str(tmp_path / "field.png")]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -152,17 +146,10 @@ def test_solve_prints_what_it_writes(tmp_path, capsys):
     assert (tmp_path / "field.png").stat().st_size > 10_000
 
 
-def test_modes_are_those_of_the_dispersion_relation(tmp_path, capsys):
-    """Uniform flow with Ingard-Myers: DUCT's published number for mode 0 at 343 m/s."""
-    path = write(tmp_path, ("[sound]", "[fluid]\nsound_speed = 343.0\n\n[sound]"))
-    words = ["duct", "modes", str(path), "--profile", "uniform", "--count", "2", "--json"]
-    assert main([*words, "-o", str(tmp_path / "m.csv")]) == 0
-    first = json.loads(capsys.readouterr().out)["rows"][0]
-    assert first["direction"] == "downstream"
-    assert first["wavenumber"]["real"] == pytest.approx(21.45776, abs=1e-5)
-    assert first["wavenumber"]["imaginary"] == pytest.approx(-2.51104, abs=1e-5)
-    rows = list(csv.DictReader((tmp_path / "m.csv").read_text().splitlines()))
-    assert [row["mode"] for row in rows] == ["0", "1", "0", "1", ""]  # the growing wave has no number
+def test_modes_are_written_the_growing_wave_without_a_number(tmp_path, capsys):
+    assert main(["duct", "modes", "b2a", "--profile", "uniform", "--count", "2", "-o", str(tmp_path / "m.csv")]) == 0
+    rows = csv.DictReader((tmp_path / "m.csv").read_text().splitlines())
+    assert [row["mode"] for row in rows] == ["0", "1", "0", "1", ""]
 
 
 def test_presets_are_listed_and_copied(tmp_path, capsys):

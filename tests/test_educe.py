@@ -1,8 +1,8 @@
-"""``educe``: laws of the whole chain through the public names."""
-
-from __future__ import annotations
+"""Laws of the whole chain through the public names, and what stands at the rim: units, kinds, gaps."""
 
 import os
+import warnings
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -18,8 +18,15 @@ INTERPOLATED = 1e-9  # in R over |v|, of float64
 
 
 def reflection(found):
-    """R of each probe as measured."""
     return found.probes["admittance"].reflection
+
+
+@dataclass
+class Constant:
+    z: complex
+
+    def impedance(self, frequency, speed):
+        return self.z * torch.ones_like(frequency * speed).to(torch.complex128)
 
 
 @pytest.mark.parametrize(("dtype", "error"), [(torch.float64, 3e-9), (torch.float32, 1e-5)])
@@ -33,13 +40,8 @@ def test_frozen_velocity_returns_the_model(dtype, error, drive, liner):
 
 def test_a_value_worked_by_hand():
     """R of z = 0.5 + 1j is (-0.5 + 1j)(1.5 - 1j)/3.25: sign and conjugation are right."""
-
-    class Fixed:
-        def impedance(self, frequency, speed):
-            return (0.5 + 1j) * torch.ones_like(frequency * speed).to(torch.complex128)
-
     for phase, extra in (("averaged", {}), ("given", {"reference_phase": 0.7})):
-        found = tl.educe(frozen_plane(1.0), Fixed(), phase=phase, **extra)
+        found = tl.educe(frozen_plane(1.0), Constant(0.5 + 1j), phase=phase, **extra)
         assert complex(reflection(found)[0, 0]) == pytest.approx((-0.5 + 1j) * (1.5 - 1j) / 3.25, abs=1e-12)
         assert complex(found.liner["admittance"].impedance[0]) == pytest.approx(0.5 + 1j, abs=1e-12)
 
@@ -65,11 +67,9 @@ def test_phase_decides_for_tonal_velocity():
     psi = torch.arange(72, dtype=torch.float64) * (torch.pi / 72)
     plane = tl.VelocityPlane(v, sampling_rate=rate)
     found = tl.educe(plane, liner, 1500.0, phase="given", reference_phase=psi)
-    resistance, reactance = found.resistance, found.reactance
-    assert [float(resistance.min()), float(resistance.max())] == pytest.approx([0.82, 2.24], abs=0.01)
-    assert [float(reactance.min()), float(reactance.max())] == pytest.approx([-0.95, 0.41], abs=0.05)
-    averaged = tl.educe(plane, liner, 1500.0)
-    assert 0.82 < float(averaged.resistance[0, 0]) < 2.24
+    for part, wanted, limit in ((found.resistance, [0.82, 2.24], 0.01), (found.reactance, [-0.95, 0.41], 0.05)):
+        assert [float(part.min()), float(part.max())] == pytest.approx(wanted, abs=limit)
+    assert 0.82 < float(tl.educe(plane, liner, 1500.0).resistance[0, 0]) < 2.24
 
 
 def test_self_consistent_wave_reproduces_the_velocity(liner):
@@ -88,14 +88,9 @@ def test_self_consistent_wave_reproduces_the_velocity(liner):
 
 def test_incident_level_by_hand(liner):
     """A rigid-like reflection R and V give |p| = rho c |V|/|1 - R|; 1 m/s on z = 1 is 413 Pa."""
-
-    class Matched:
-        def impedance(self, frequency, speed):
-            return torch.ones_like(frequency * speed).to(torch.complex128)
-
     t = torch.arange(480, dtype=torch.float64) / RATE
     plane = plane_of(torch.cos(2 * torch.pi * FREQUENCY * t)[None])
-    found = tl.educe(plane, Matched())
+    found = tl.educe(plane, Constant(1.0))
     pressure = 1.204 * 343.2
     level = 20 * np.log10(pressure / 2**0.5 / 20e-6)
     assert float(found.inferred_incident_level[0, 0]) == pytest.approx(level, abs=1e-6)
@@ -115,7 +110,6 @@ def test_incoherent_velocity_falls_back_and_says_so(liner):
 
 
 def test_drives(liner):
-    """rms and running rms are what they say; a removed mean is a removed mean."""
     v = turbulence((2, 960), seed=11) + 2.0
     rms = (v**2).mean(1).sqrt()
     found = tl.educe(plane_of(v), liner, drive="rms")
@@ -132,7 +126,6 @@ def test_drives(liner):
 
 
 def test_both_orders_of_averaging(liner):
-    """Two cells: admittance averages, and the velocity averaged first, are what they say."""
     pitch = liner.cell_pitch
     x = np.linspace(0.1, 1.9, 10) * pitch
     v = turbulence((2, 10, 480), seed=15)
@@ -150,7 +143,6 @@ def test_both_orders_of_averaging(liner):
 
 
 def test_float32_and_views(liner):
-    """Time-major memory, strided views and float32 give what a plain tensor gives."""
     v = turbulence((3, 4, 480), seed=17)
     wanted = reflection(tl.educe(plane_of(v), liner))
     major = v.movedim(-1, 0).contiguous().movedim(0, -1)
@@ -184,7 +176,6 @@ def test_lines_beside_the_tone_are_measured_as_far_as_memory_is_bounded(monkeypa
 
 
 def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, liner):
-    """Between the two readings."""
     path = tmp_path / "plane.h5"
     plane_of(turbulence((3, 1920)), x=[0.0, 1e-3, 2e-3]).write(path)
 
@@ -193,3 +184,118 @@ def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path, liner):
 
     with pytest.raises(OSError, match=r"plane\.h5.* was changed while it was read"):
         tl.educe(tl.read_plane(path, lazy=True), liner, progress=change)
+
+
+X = (torch.arange(15) + 0.5) * 12.44e-3 / 5  # three cells of five probes
+
+
+@pytest.mark.parametrize(
+    ("about", "frequency", "text"),
+    [
+        ({"sampling_rate": 42.0}, 1.4, "frequency is 1.4 Hz, below 20 Hz; are these kHz"),
+        ({"sampling_rate": 42.0}, 1.4, "sampling rate is 42 Hz, below 500 Hz; are these kHz"),
+        ({"x": [0.0, 68.0, 137.0]}, FREQUENCY, "x spans 137 m, above 20 m; are these mm"),
+        ({"sampling_rate": 3.0 * FREQUENCY}, FREQUENCY, "3 samples a period of 1400 Hz, below 4"),
+        ({"height": 0.03}, FREQUENCY, "lies 30 mm above the liner, more than its cell pitch of"),
+        ({"height": 0.5}, FREQUENCY, "height is 0.5 m, above 0.05 m; are these mm"),
+        ({"displacement_thickness": 1.7}, FREQUENCY, "displacement_thickness is 1.7 m"),
+        ({"incident_level": 0.6}, FREQUENCY, "incident level is 0.6 dB, below 20 dB; .* pascals"),
+    ],
+)
+def test_units_that_cannot_be_meant_are_said(liner, about, frequency, text):
+    """kHz given as Hz and mm given as m keep every ratio; only their size tells."""
+    plane = plane_of(turbulence((3, 600)), frequency=frequency, **about)
+    with pytest.warns(tl.DataWarning, match=text):
+        tl.educe(plane, liner, interval=None)
+    with pytest.warns(tl.DataWarning) as told:
+        tl.educe(plane_of(turbulence((3, 400)), height=1e-3, x=[0, 0.06, 0.137]), liner)
+    assert not any("are these" in str(each.message) for each in told)
+
+
+@pytest.mark.parametrize(
+    ("choice", "error", "text"),
+    [
+        ({"allow_short": "no"}, TypeError, "allow_short is 'no'; True or False is needed"),
+        ({"device": "mps"}, ValueError, "unknown device 'mps'; use 'cpu', 'cuda'"),
+        ({"device": 1.5}, ValueError, "unknown device 1.5; use 'cpu', 'cuda'"),
+    ],
+)
+def test_choices_of_a_wrong_kind(liner, choice, error, text):
+    with pytest.raises(error, match=text):
+        tl.educe(plane_of(turbulence((2, 600))), liner, **choice)
+
+
+def test_a_cell_in_a_gap_counts_in_no_average(liner):
+    v = turbulence((15, 480), seed=4)
+    v[5:10] = torch.nan
+    found = tl.educe(plane_of(v, x=X), liner, missing="exclude")
+    left = [*range(5), *range(10, 15)]
+    wanted = tl.educe(plane_of(v[left], x=X[left]), liner)
+    assert torch.allclose(found.cell_x, wanted.cell_x, rtol=1e-12, atol=0)
+    for averaging in wanted.averagings:
+        for kind in ("liner", "cells"):
+            mine, other = (getattr(each, kind)[averaging] for each in (found, wanted))
+            assert torch.allclose(mine.impedance, other.impedance, rtol=1e-12, atol=0)
+            assert torch.allclose(mine.interval.low, other.interval.low, rtol=1e-11, atol=0)
+
+
+def test_a_cell_partly_in_a_gap_weighs_what_it_has(liner, tmp_path):
+    """Four of five probes gone: a fifth of the weight, in value, interval and file."""
+    v = turbulence((15, 480), seed=4)
+    v[6:10] = torch.nan
+    found = tl.educe(plane_of(v, x=X), liner, missing="exclude")
+    assert found.cell_weight.tolist() == [1.0, 0.2, 1.0]
+    y = 1 / found.cells["velocity"].impedance[:, 0]
+    wanted = complex(2.2 / (y[0] + 0.2 * y[1] + y[2]))
+    assert complex(found.liner["velocity"].impedance[0]) == pytest.approx(wanted, rel=1e-12)
+    interval = found.liner["velocity"].interval
+    assert float(interval.low[0].real) < wanted.real < float(interval.high[0].real)
+    assert any(note.code == "lost-cells" and "the least 0.2" in note.text for note in found.notes)
+    found.write(tmp_path / "m.nc")
+    again = tl.read_map(tmp_path / "m.nc")
+    assert torch.equal(again.cell_weight, found.cell_weight)
+    assert torch.equal(again.liner["velocity"].impedance, found.liner["velocity"].impedance)
+
+
+def test_columns_without_probes_have_no_interval(liner):
+    """Admittance 0 over no probes would be a rigid wall with an interval."""
+    v = turbulence((4, 3, 480))
+    v[:, 1] = torch.nan
+    found = tl.educe(plane_of(v), liner, missing="exclude").along_x["admittance"].interval
+    assert torch.isnan(found.low[:, 0].real).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("shape", [(5, 3000), (4200, 130)])
+def test_coherence_does_not_know_other_frequencies(liner, shape):
+    v = turbulence((5, shape[1])).repeat(shape[0] // 5, 1)
+    v += 3 * torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(shape[1]))
+    choices = {"phase": "self-consistent", "interval": None, "allow_short": True}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        alone = tl.educe(plane_of(v), liner, FREQUENCY, **choices)
+        beside = tl.educe(plane_of(v), liner, [200.0, FREQUENCY, 1410.0, 5000.0], **choices)
+    assert float((alone.coherence[:, 0] - beside.coherence[:, 1]).abs().max()) < 1e-12
+    assert torch.equal(alone.phase_rule[:, 0], beside.phase_rule[:, 1])
+
+
+def test_autocast_around_an_eduction_has_no_effect(liner):
+    plane = plane_of(turbulence((12, 600)).float())
+    wanted = tl.educe(plane, liner)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        found = tl.educe(plane, liner)
+    assert torch.equal(found.coherence, wanted.coherence)
+    for averaging in wanted.averagings:
+        assert torch.equal(found.cells[averaging].reflection, wanted.cells[averaging].reflection)
+
+
+def test_a_velocity_along_the_flow_is_refused_or_noted():
+    liner = tl.load_liner("polito").replace(cell_pitch=None)
+    v = turbulence((2, 600))
+    v = (v - v.mean(1, keepdim=True)) / v.std(1, keepdim=True)
+    with pytest.raises(ValueError, match=r"mean of v is \d+(\.\d)? times its rms \(limit 10\).*--mean removed"):
+        tl.educe(plane_of(v + 20), liner, 1400.0)
+    assert "large-mean" not in {note.code for note in tl.educe(plane_of(v + 20), liner, 1400.0, mean="removed").notes}
+    with pytest.warns(tl.DataWarning, match=r"mean of v is [45]\.?\d* times its rms"):
+        found = tl.educe(plane_of(v + 5), liner, 1400.0)
+    assert "large-mean" in {note.code for note in found.notes}
+    assert tl.educe(plane_of(torch.full_like(v, 20.0)), liner, 1400.0).notes == ()

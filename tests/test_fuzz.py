@@ -25,8 +25,7 @@ from scipy.io import wavfile
 from test_burst_files import write_burst_csv
 from test_liner_files import table_rows
 from test_stations import station
-from test_two_wave_fit import both_ways
-from test_wall_pressure import line_of
+from test_wall_pressure import both_ways, line_of
 
 import torchliner as tl
 from torchliner.cli.options import Parser

@@ -1,7 +1,5 @@
 """The response of a liner found from runs: curves, parameters, what each run says of the others."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json
@@ -20,8 +18,6 @@ from torchliner.studies.fit import fit_law
 from torchliner.studies.laws import BOUNDS, Knots, curve_law
 from torchliner.studies.runs import residuals_of
 
-FACTORS = ["end_correction", "mass_loss", "mass_loss_speed", "mach", "mach_resistance", "mach_mass_loss"]
-
 pytestmark = [
     pytest.mark.filterwarnings("ignore:without it, "),  # the fastest run is always alone there
     pytest.mark.filterwarnings("ignore:.*predicted by the other runs, off by more"),
@@ -31,8 +27,8 @@ TRUE = {"vena_contracta": 0.6, "mass_loss": 2.0}
 LEVELS = (0.2, 0.7, 1.5, 3.0, 5.0)
 
 
-def base(**changes):
-    return tl.load_liner("polito").replace(cell_pitch=None, **changes)
+def base():
+    return tl.load_liner("polito").replace(cell_pitch=None)
 
 
 def true_liner():
@@ -41,7 +37,6 @@ def true_liner():
 
 @functools.cache
 def moving(rms, seed=0):
-    """Moments of a plane of turbulence."""
     plane = plane_of(turbulence((4, 420), seed, rms), name=f"run {rms:g}")
     return tl.moments(plane, dtype="float64", averaging=ORDER)
 
@@ -70,12 +65,11 @@ def test_a_smooth_law_is_recovered_where_it_was_seen():
     found = curve_of()
     low, high = found.fit.seen_speeds
     speed = torch.linspace(0.1, high, 60, dtype=torch.float64)
-    wanted = true_liner().impedance(FREQUENCY, speed)
+    wanted, prior = (each.impedance(FREQUENCY, speed) for each in (true_liner(), base()))
     best, least, most = found.fit.band(FREQUENCY, speed)
-    moved = tl.reflection_from_impedance(torch.stack([best, wanted])).diff(dim=0).abs()
-    assert float(moved.max()) < 0.03
-    before = tl.reflection_from_impedance(torch.stack([base().impedance(FREQUENCY, speed), wanted])).diff(dim=0).abs()
-    assert float(before.max()) > 0.2  # what the prior alone would be off by
+    moved = tl.reflection_from_impedance(torch.stack([best, prior])) - tl.reflection_from_impedance(wanted)
+    assert float(moved[0].abs().max()) < 0.03
+    assert float(moved[1].abs().max()) > 0.2  # what the prior alone would be off by
     inside = (least.real <= wanted.real) & (wanted.real <= most.real)
     assert float(inside.double().mean()) > 0.9
     assert low < 0.05
@@ -83,8 +77,6 @@ def test_a_smooth_law_is_recovered_where_it_was_seen():
 
 
 class Rising(LinerModel):
-    """Whose reactance rises over |v|."""
-
     def impedance(self, frequency, speed=0.0):
         speed = torch.as_tensor(speed, dtype=torch.float64) + 0 * torch.as_tensor(frequency)
         return torch.complex(0.3 + speed, speed)
@@ -97,7 +89,6 @@ class Rising(LinerModel):
     rising=st.booleans(),
 )
 def test_curves_are_monotone_and_passive(parameters, top, rising):
-    """Whatever their parameters, and beyond the last knot too."""
     knots = Knots(top)
     liner = Rising() if rising else base()
     made = curve_law(liner, [FREQUENCY], knots, 1.0)
@@ -118,7 +109,6 @@ def test_curves_are_monotone_and_passive(parameters, top, rising):
 
 @pytest.mark.parametrize("references", ["values", "level-check"])
 def test_the_jacobian_of_a_fit_is_exact(references):
-    """Beside differences, with references and with levels alone."""
     if references == "values":
         runs, options = planes(LEVELS[:3]), {"references": known(LEVELS[:3])}
     else:
@@ -156,7 +146,6 @@ def sinusoid(amplitude):
 
 @pytest.mark.parametrize("groups", [None, ["a", "a", "b", "c", "d"]])
 def test_leaving_out_is_a_refit_by_hand(groups):
-    """Each row's prediction is that of a fit that never saw its run, with all planes of that run."""
     found = curve_of() if groups is None else curve_of(groups=tuple(groups))
     own = [run.group for run in found.fit.runs]
     for run, row in zip(found.fit.runs, found.rows, strict=True):
@@ -171,13 +160,11 @@ def test_leaving_out_is_a_refit_by_hand(groups):
 
 
 def without(fit, left_out):
-    """The fit to the other runs."""
     others = [run for i, run in enumerate(fit.runs) if i not in left_out]
     return fit_law(fit.law, others, fit.choices, fit.knots, stated=True)
 
 
 def test_parameters_are_recovered_and_chosen():
-    """The law that made the data predicts what it has not seen; the wrong one and curves less."""
     models = ["curve", ("vena_contracta",), ("vena_contracta", "mass_loss")]
     found = tl.identify(planes(), base(), known(), models=models, freedom=0.3, averaging=ORDER)
     assert found.fit.law.label == "vena_contracta, mass_loss"
@@ -187,9 +174,8 @@ def test_parameters_are_recovered_and_chosen():
     assert found.fit.liner.mass_loss == pytest.approx(2.0)
     assert found.fit.liner.mach is None  # it takes that of the data it is used on
     speed = torch.tensor([0.5, 2.0], dtype=torch.float64)
-    assert found.fit.band(FREQUENCY, speed)[0].tolist() == pytest.approx(
-        true_liner().impedance(FREQUENCY, speed).tolist(), abs=1e-5
-    )
+    away = found.fit.band(FREQUENCY, speed)[0] - true_liner().impedance(FREQUENCY, speed)
+    assert float(away.abs().max()) < 1e-5
 
 
 def test_prediction_beyond_what_was_seen_is_warned_of():
@@ -212,10 +198,8 @@ def test_several_frequencies_have_a_curve_each():
     assert found.fit.law.frequencies == tuple(tones)
     assert found.fit.liner.frequency_range == (1000.0, FREQUENCY)
     one = tl.identify(runs, base(), [z[1] for z in wanted], freedom=1.0, noise=1e-3, averaging=ORDER)
-    speed = [0.2, 1.0, 2.0]
-    assert found.fit.band(FREQUENCY, speed)[0].tolist() == pytest.approx(
-        one.fit.band(FREQUENCY, speed)[0].tolist(), rel=0.01
-    )
+    both = [each.fit.band(FREQUENCY, [0.2, 1.0, 2.0])[0].tolist() for each in (found, one)]
+    assert both[0] == pytest.approx(both[1], rel=0.01)
     with pytest.raises(ValueError, match=r"no curve is known at 700 Hz: .* 1000, 1400 Hz"):
         found.fit.predict(runs[0], frequency=700.0)
 
@@ -226,11 +210,7 @@ def test_several_frequencies_have_a_curve_each():
         ({"planes": 2}, r"2 run\(s\) \(run 0.2, run 0.7\) .* at least 3"),
         ({"groups": ["a"] * 5}, r"1 run\(s\) \(a\) cannot tell"),
         ({"groups": ["a"]}, r"1 groups for 5 planes"),
-        (
-            {"references": [-0.1 + 1j, *known()[1:]]},
-            r"run 0.2: its reference has a resistance of "
-            r"-0.1; the response of a passive liner",
-        ),
+        ({"references": [-0.1 + 1j, *known()[1:]]}, r"run 0.2: its reference has a resistance of -0.1"),
         ({"references": "level-check"}, r"run 0.2 cannot be fitted to its level"),
         ({"models": [("mas_loss",)]}, r"unknown parameter 'mas_loss' \(did you mean 'mass_loss'\?"),
         ({"models": []}, r"no model is named"),
@@ -263,22 +243,18 @@ def test_each_factor_does_what_it_says():
         -0.5j * ends - 1j * 2.0 * 0.3 * 0.5 * ends
     )
     assert change(2.0, mach=0.3, mach_resistance=0.2) == pytest.approx(0.06 / plain.surface_porosity)
-    lost = [
-        (complex(plain.impedance(FREQUENCY, 0.0)) - complex(plain.impedance(FREQUENCY, v))).imag for v in (2.0, 2.0 / 3)
-    ]
-    assert change(2.0, mass_loss=3.0) == pytest.approx(-2j * lost[0])
-    # Lost at three times the speed what was lost before.
-    assert change(2.0, mass_loss_speed=3.0) == pytest.approx(1j * (lost[0] - lost[1]))
+    rest, slow, fast = (complex(plain.impedance(FREQUENCY, v)).imag for v in (0.0, 2.0 / 3, 2.0))
+    assert change(2.0, mass_loss=3.0) == pytest.approx(-2j * (rest - fast))
+    assert change(2.0, mass_loss_speed=3.0) == pytest.approx(1j * (slow - fast))  # lost at three times the speed
 
 
-def files(*cases):
-    return [str(DATA / f"orifice_{case}_y0.5mm.h5") for case in cases]
+O115, O130, O145 = (str(DATA / f"orifice_{case}_y0.5mm.h5") for case in ("o115", "o130", "o145"))
 
 
 def test_command_writes_a_liner_that_is_read(tmp_path):
     table = tmp_path / "mine.toml"
     words = ["--rest", "0.01+0.01j", "--freedom", "1", "-o", str(table), "--quiet"]
-    assert main(["identify", *files("o115", "o130", "o145"), *words]) == DONE
+    assert main(["identify", O115, O130, O145, *words]) == DONE
     liner = tl.load_liner(table)
     assert liner.cell_pitch == 0.004428
     assert complex(liner.impedance(1400.0, 0.0)) == pytest.approx(0.205 - 0.208j, abs=0.01)
@@ -287,7 +263,7 @@ def test_command_writes_a_liner_that_is_read(tmp_path):
 def test_command_compares_parameters(tmp_path, capsys):
     out = tmp_path / "mine.toml"
     words = ["--free", "vena_contracta=0.3:0.9", "--free", "mass_loss", "--json", "-o", str(out), "--quiet"]
-    code = main(["identify", *files("o115", "o130"), *words, "--predict", *files("o145")])
+    code = main(["identify", O115, O130, *words, "--predict", O145])
     found = json.loads(capsys.readouterr().out)
     assert code == CHECK_FAILED  # o145 is beyond both
     assert found["law"] == found["rows"][0]["model"] == "vena_contracta"
@@ -313,11 +289,9 @@ def test_bands_cover_the_truth():
             made.append(dataclasses.replace(run, wanted=z, noise=torch.full_like(run.noise, 0.01 + 0.01j)))
         _best, low, high = fit_law(first.law, made, first.choices, first.knots, stated=True).band(FREQUENCY, speed)
         (wanted,) = shape.curve(drawn, liner, lines, speed)
-        held = [
-            (low.real <= wanted.real) & (wanted.real <= high.real),
-            (low.imag <= wanted.imag) & (wanted.imag <= high.imag),
-        ]
-        inside += int(torch.stack(held).sum())
+        for part in ("real", "imag"):
+            least, middle, most = (getattr(z, part) for z in (low, wanted, high))
+            inside += int(((least <= middle) & (middle <= most)).sum())
         checked += 2 * len(speed)
     # 600 values, those of one fit alike: 60 to 150 independent ones, 0.95 +- 0.03.
     assert 0.9 < inside / checked < 0.995

@@ -1,7 +1,5 @@
 """The wave alone drives the liner: laws of the time stepping, of the period, of the fixed point."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -25,15 +23,14 @@ literal = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")  #
 IMPEDANCE = 1.204 * 343.2  # rho c, of the models below
 
 
-class Steady(LinerModel):
-    """Z = slope |v| + base at all frequencies: no memory at all."""
+class Wall(LinerModel):
+    """Z = law(|v|) at all frequencies: no memory at all."""
 
-    def __init__(self, slope: float = 1.0, base: float = 0.0) -> None:
-        self.slope, self.base = slope, base
+    def __init__(self, law) -> None:
+        self.law = law
 
     def impedance(self, frequency, speed=0.0):
-        z = self.base + self.slope * torch.as_tensor(speed, dtype=torch.float64)
-        return (z + 0 * frequency).to(torch.complex128)
+        return (self.law(torch.as_tensor(speed, dtype=torch.float64)) + 0 * frequency).to(torch.complex128)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +48,6 @@ def noise(columns: int, samples: int, size: float = 1.0) -> torch.Tensor:
 
 
 def one(curve: tl.LevelCurve) -> complex:
-    """Z of the only frequency of the first level."""
     return complex(curve.impedance[0, 0])
 
 
@@ -96,7 +92,7 @@ def test_a_wall_without_memory_by_hand(kernel):
     wave = peak * torch.cos(2 * torch.pi * torch.arange(10, dtype=torch.float64) / 10)
     v = torch.sign(wave) * ((1 + 8 * slope * wave.abs()).sqrt() - 1) / (2 * slope)
     x, v = torch.fft.rfft(wave)[1], torch.fft.rfft(v)[1]
-    curve = tl.ir_tdibc(Steady(slope), level, 1400.0, kernel=kernel, **FAST)
+    curve = tl.ir_tdibc(Wall(lambda s: slope * s), level, 1400.0, kernel=kernel, **FAST)
     # R(0) = 1 of a kernel of finite length leaks into the band: 1e-3; the period has none.
     limit = {"causal": 0.02, "periodic": 1e-4}[kernel]
     assert abs(one(curve) - complex((2 * x - v) / v)) < limit
@@ -116,7 +112,6 @@ def test_replaying_the_velocity_found_returns_the_reflected_wave(slit):
 
 
 def test_steps_and_period_agree(slit):
-    """The settled answer in time is that of a whole period with the kernel's own response."""
     kernels, n = kernels_of(slit, "two-sided", before=0.0, regularisation=1e-2), 240
     period = 1.2 * torch.cos(2 * torch.pi * 1400 / 28000 * torch.arange(n, dtype=torch.float64))
     period = torch.stack([period, 0.2 * period, 0.1 * noise(1, n)[0]])
@@ -144,21 +139,18 @@ def test_fixed_point_by_hand():
     wanted = (math.sqrt(1 + 8 * slope * rms) - 1) / (2 * slope)
     for shares in ([1.0], [0.36, 0.64]):
         power = rms**2 * torch.tensor(shares, dtype=torch.float64)
-        found = fixed_points(Steady(slope), 1000.0 + 0 * power, power, 20.0)
+        found = fixed_points(Wall(lambda s: slope * s), 1000.0 + 0 * power, power, 20.0)
         assert found == [pytest.approx(wanted, rel=1e-9)]
 
-    class Bent(LinerModel):
-        def impedance(self, frequency, speed=0.0):
-            s = torch.as_tensor(speed, dtype=torch.float64)
-            return (0.2 + 5 / (1 + (s / 0.5) ** 8) + 0 * frequency).to(torch.complex128)
+    def bent(s):
+        return 0.2 + 5 / (1 + (s / 0.5) ** 8)
 
-    found = fixed_points(Bent(), torch.tensor([1000.0]), torch.tensor([1.0]).double(), 20.0)
+    found = fixed_points(Wall(bent), torch.tensor([1000.0]), torch.tensor([1.0]).double(), 20.0)
     assert len(found) == 3
-    assert all(abs(s - 2 / (1 + 0.2 + 5 / (1 + (s / 0.5) ** 8))) < 1e-9 for s in found)
+    assert all(abs(s - 2 / (1 + bent(s))) < 1e-9 for s in found)
 
 
 def test_a_level_does_not_know_the_others(slit):
-    """Batch and single, but for the rounding of small products."""
     both = tl.ir_tdibc(slit, [120, 140], 1400.0, **FAST)
     alone = tl.ir_tdibc(slit, 140, 1400.0, **FAST)
     assert float((both.reflection[1] - alone.reflection[0]).abs().max()) < 1e-12
@@ -166,8 +158,7 @@ def test_a_level_does_not_know_the_others(slit):
 
 @literal
 def test_kernel_length_and_rate_converge(onera):
-    """Twice the literal kernel's length: its tail falls as the liner rings, by 3 at least; twice
-    the samples a period: the harmonics of v fall, by 10 at least."""
+    """Twice the kernel's length: its tail falls by 3; twice the samples a period: the harmonics of v fall by 10."""
 
     def steps(values, **options):
         found = [one(tl.ir_tdibc(onera, 140, 1400.0, **options, **each)) for each in values]
@@ -187,7 +178,6 @@ def test_kernel_length_and_rate_converge(onera):
 @pytest.mark.parametrize("name", tl.preset_names())
 @pytest.mark.parametrize("kernel", STEP_KERNELS)
 def test_every_preset_up_to_160_db(name, kernel):
-    """One solution at every step, and less comes back than was sent."""
     for incident in (1400.0, tl.BandNoise(500, 3000)):
         curve = tl.ir_tdibc(
             tl.load_liner(name), [100, 145, 160], incident, kernel=kernel, sampling_rate=28000.0, duration=0.025
@@ -196,24 +186,20 @@ def test_every_preset_up_to_160_db(name, kernel):
         assert float(curve.reflected_energy.max()) < 1
 
 
-def test_a_recording_is_a_wave_like_the_others(slit):
+def test_a_recording_is_a_wave_whose_band_is_not_known(slit):
+    """Its offset moves no wave."""
     wave = tl.BandNoise(800, 2500)
     kept = tl.Recorded(wave.sampled(2000, 20000.0), 20000.0, "noise.wav")
     wanted = tl.ir_tdibc(slit, 120, wave, frequency=1400, sampling_rate=20000, duration=0.1)
     found = tl.ir_tdibc(slit, 120, kept, frequency=1400)
     assert found.choices["duration"] == 0.1
     assert abs(one(found) - one(wanted)) < 1e-9
-
-
-def test_a_recording_outside_the_band_is_told_of(slit):
-    """Of a recording the band is not known; its offset moves no wave."""
     time = torch.arange(1200, dtype=torch.float64) / 24e3
-    tone = torch.cos(2 * torch.pi * 1400 * time)
-    hum = torch.cos(2 * torch.pi * 100 * time)
+    tone, hum = torch.cos(2 * torch.pi * 1400 * time), torch.cos(2 * torch.pi * 100 * time)
     with pytest.warns(tl.DataWarning, match=r"50 % of the energy .* near 100 Hz, is sent outside"):
         tl.ir_tdibc(slit, 130, tl.Recorded(tone + hum, 24e3), frequency=1400.0)
     plain, offset = (tl.ir_tdibc(slit, 130, tl.Recorded(tone + more, 24e3), frequency=1400.0) for more in (0, 3))
-    assert complex(offset.impedance[0, 0]) == pytest.approx(complex(plain.impedance[0, 0]), rel=1e-9)
+    assert one(offset) == pytest.approx(one(plain), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -235,38 +221,34 @@ def test_a_recording_outside_the_band_is_told_of(slit):
     ],
 )
 def test_bad_input(slit, level, incident, options, message):
-    """Value, unit, limit, remedy; which level."""
     with pytest.raises(ValueError, match=message):
         tl.ir_tdibc(slit, level, incident, **options)
 
 
 def test_tables_that_end(slit):
-    """A narrow table fits no causal kernel; one of low speeds no high level."""
     f, v = torch.linspace(500, 3000, 26).double(), torch.linspace(0, 1, 21).double()
     table = tl.TabulatedLiner(f, slit.impedance(f[:, None], v[None]), v)
-    for kernel in ("causal", "periodic"):
-        with pytest.raises(ValueError, match="known from 500 to 3000 Hz; kernel"):
-            tl.ir_tdibc(table, 120, 1400.0, kernel=kernel)
-    with pytest.raises(ValueError, match="3200 Hz; the kernels hold from 500 to 3000 Hz"):
-        tl.ir_tdibc(table, 120, [1400.0, 3200.0])
+    for level, tones, options, words in (
+        (120, 1400.0, {"kernel": "causal"}, "known from 500 to 3000 Hz; kernel"),
+        (120, 1400.0, {"kernel": "periodic"}, "known from 500 to 3000 Hz; kernel"),
+        (120, [1400.0, 3200.0], {}, "3200 Hz; the kernels hold from 500 to 3000 Hz"),
+        (150, 1400.0, FAST, r"at 150 dB .* known no further: lower the level"),
+        (120, 1400.0, {"velocity_max": 3, **FAST}, "velocity_max is 3 m/s; the liner is known up to 1 m/s"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            tl.ir_tdibc(table, level, tones, **options)
     found = tl.ir_tdibc(table, 120, 1400.0, **FAST)
     assert found.choices["kernel_band"] == [500.0, 3000.0]
     assert 0.05 < one(found).real < 0.3
-    with pytest.raises(ValueError, match=r"at 150 dB .* known no further: lower the level"):
-        tl.ir_tdibc(table, 150, 1400.0, **FAST)
-    with pytest.raises(ValueError, match="velocity_max is 3 m/s; the liner is known up to 1 m/s"):
-        tl.ir_tdibc(table, 120, 1400.0, velocity_max=3, **FAST)
 
 
 def test_what_does_not_settle_is_refused(slit, monkeypatch):
-    """No steady state, no convergence: at which level."""
     curve = tl.ir_tdibc(slit, [120, 130], 1400.0, **FAST)
     with pytest.raises(ValueError, match=r"at 130 dB y still changes by 0\.3 of its rms"):
         list(dataclasses.replace(curve, drift=torch.tensor([0.0, 0.3])).warnings())
     drifting = dataclasses.replace(curve, drift=torch.tensor([0.0, 0.01]), several=torch.tensor([2, 0]))
     first, second = drifting.warnings()
-    assert first.startswith("at 130 dB y still changes by 0.01")
-    assert second.startswith("at 120 dB 2 steps have more than one")
+    assert ("at 130 dB" in first, "at 120 dB 2 steps" in second) == (True, True)
     monkeypatch.setattr(ir_tdibc_wall, "MOST_ITERATIONS", 3)
     with pytest.raises(ValueError, match="at 140 dB the iteration over a period does not converge"):
         tl.ir_tdibc(slit, [140, 150], 1400.0, kernel="periodic", **FAST)

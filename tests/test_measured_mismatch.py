@@ -1,7 +1,5 @@
 """The study of the measured duct, on a file made from one known wall."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np
@@ -14,14 +12,9 @@ import torchliner as tl
 SPACING, HEIGHT, MACH, KELVIN = 0.055, 0.02, 0.25, 295.15
 SPEED = tl.Fluid.from_temperature(KELVIN).sound_speed
 FREQUENCY = np.arange(300.0, 1500.0, 200.0)
-NAMES = [
-    *("Mach-Number upstream", "Mach-Number downstream"),
-    *("temperature upstream", "temperature downstream", "f"),
-    *(f"Mic{i} US" for i in (1, 2, 3)),
-    *(f"Mic{i} Liner" for i in range(1, 11)),
-    *(f"Mic{i} DS" for i in (1, 2, 3)),
-    "case",
-]
+HEADS = ["Mach-Number upstream", "Mach-Number downstream", "temperature upstream", "temperature downstream", "f"]
+PARTS = {"US": 3, "Liner": 10, "DS": 3}
+NAMES = [*HEADS, *(f"Mic{i + 1} {part}" for part, count in PARTS.items() for i in range(count)), "case"]
 
 
 def wall(frequency):
@@ -30,14 +23,11 @@ def wall(frequency):
     return torch.from_numpy(3 + 1j * (0.9 * k - 1 / np.tan(0.012 * k)))
 
 
-def write_duct(path, cases=(0, 2, 3), names=NAMES):
+def write_duct(path, cases=(0, 2, 3)):
     """Waves with the source and a fifth of each back, over the wall and in the rigid ducts."""
     about = {"height": HEIGHT, "mach": MACH, "sound_speed": SPEED}
-    down, up = (
-        tl.wavenumber_from_impedance(wall(FREQUENCY), FREQUENCY, direction=d, **about).numpy()
-        for d in ("downstream", "upstream")
-    )
-    k = 2 * np.pi * FREQUENCY / SPEED
+    sides, k = ("downstream", "upstream"), 2 * np.pi * FREQUENCY / SPEED
+    down, up = (tl.wavenumber_from_impedance(wall(FREQUENCY), FREQUENCY, direction=d, **about).numpy() for d in sides)
     rows = []
     for case in cases:
         mix = (1.0, 0.2) if case == 0 else (0.2, 1.0)
@@ -53,13 +43,12 @@ def write_duct(path, cases=(0, 2, 3), names=NAMES):
         for i, hertz in enumerate(FREQUENCY):
             pressure = np.concatenate([part[i] for part in parts])
             rows.append([MACH, MACH, KELVIN, KELVIN, hertz, *pressure, case])
-    np.savetxt(path, np.array(rows, dtype=complex), delimiter=",", header=",".join(names))
+    np.savetxt(path, np.array(rows, dtype=complex), delimiter=",", header=",".join(NAMES))
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("always::torchliner.DataWarning")  # printed by the script
 def test_one_wall_has_no_mismatch(tmp_path, capsys):
-    """Both waves of both records give the wall; figure and numbers."""
     write_duct(tmp_path / "duct.txt")
     script = load_script("measured_mismatch")
     script.main([str(tmp_path / "duct.txt"), "-o", str(tmp_path), "--draws", "4", "--heights", "20"])

@@ -1,7 +1,5 @@
 """Lines of microphones: the record, its files, and signals beside a reference channel."""
 
-from __future__ import annotations
-
 import cmath
 import json
 import math
@@ -22,7 +20,6 @@ PLACES = [0.012 * n for n in range(12)]
 
 
 def line_of(places=PLACES, frequency=(1000.0, 1500.0), **about) -> MicrophoneLine:
-    """A decaying wave of 2 Pa."""
     about = {"duct_height": 0.05, "mach": 0.3, "source_side": "upstream", **about}
     x = torch.tensor(places, dtype=torch.float64)[:, None]
     f = torch.tensor(frequency, dtype=torch.float64)
@@ -41,7 +38,6 @@ def test_levels_by_hand():
 
 
 def test_spacing_is_asked_for():
-    """An even grid within 0.5 %; the one microphone that is off is named."""
     assert line_of().require_equal_spacing("KT") == pytest.approx(0.012)
     places = list(PLACES)
     places[4] += 0.0005
@@ -52,7 +48,6 @@ def test_spacing_is_asked_for():
 
 
 def test_selection():
-    """Microphones over the liner, away from its ends; each keeps its coherence."""
     line = line_of(liner_start=0.01, liner_end=0.1, coherence=torch.rand(12, 2).double())
     assert line.over_liner().x.tolist() == pytest.approx(PLACES[1:9])
     assert torch.equal(line.over_liner().coherence, line.coherence[1:9])
@@ -92,14 +87,12 @@ def test_selection():
 )
 def test_records_are_checked(change, words):
     good = {"x": [0.0, 0.01, 0.02], "pressure": np.array([1, 1j, -1]), "frequency": 900.0, "duct_height": 0.05}
-    MicrophoneLine(**good)
     with pytest.raises(ValueError) as error:  # noqa: PT011
         MicrophoneLine(**{**good, **change})
     assert words in str(error.value)
 
 
 def test_levels_are_no_pressures():
-    """Real numbers are refused with the way out; pascals and radians are suspected aloud."""
     with pytest.raises(TypeError, match=r"complex amplitudes in Pa are needed\. For SPL in dB and"):
         MicrophoneLine([0.0, 0.1], np.array([130.0, 125.0]), 1000.0, duct_height=0.05)
     line = line_of()
@@ -121,7 +114,6 @@ def test_levels_are_no_pressures():
 @pytest.mark.parametrize("reflection", [0.0, 0.95j])
 @pytest.mark.parametrize("hertz", [(1450.0,), (500.0, 9000.0)])
 def test_degrees_are_not_doubted(hertz, reflection):
-    """Travelling and standing waves, wrapped and not, few and many wavelengths on the line."""
     x = torch.tensor(PLACES, dtype=torch.float64)[:, None]
     k = 2 * math.pi * torch.tensor(hertz, dtype=torch.float64) / 343.2
     p = torch.exp(-1j * k / 1.3 * x) + reflection * torch.exp(1j * k / 0.7 * x)
@@ -149,7 +141,6 @@ x [mm];phase [deg];SPL [dB];frequency [kHz]
 
 
 def test_a_table_by_hand(tmp_path):
-    """Columns and rows in any order, decimal commas, kHz; the gas from its temperature."""
     path = tmp_path / "b2a.csv"
     path.write_text(CSV)
     line = read_microphones(path)
@@ -164,10 +155,9 @@ def test_a_table_by_hand(tmp_path):
     assert read_microphones(path, 1500.0).frequency.tolist() == [1500.0]
     path.write_text(CSV.replace("50 mm", "50mm"))
     assert float(read_microphones(path).duct_height) == 0.05
-    with pytest.raises(ValueError, match=r"has no 1400 Hz; it holds \[1500.0\] Hz"):
-        read_microphones(path, 1400.0)
-    with pytest.raises(ValueError, match="holds amplitudes, no time signals; leave segment out"):
-        read_microphones(path, segment=0.1)
+    for options, words in (({"frequency": 1400.0}, "has no 1400 Hz"), ({"segment": 0.1}, "leave segment out")):
+        with pytest.raises(ValueError, match=words):
+            read_microphones(path, **options)
     text = CSV.replace(";frequency [kHz]", "").replace(";1,5", "")
     path.write_text("# frequency = 1.5 kHz\n" + text)
     assert torch.equal(read_microphones(path).pressure, line.pressure)
@@ -213,7 +203,6 @@ def signals_of(line: MicrophoneLine, samples: int, noise: float, seed: int = 0):
 
 
 def test_tones_come_back_with_the_phase_of_the_reference():
-    """Without noise: amplitude to rounding, phase relative to the loudspeaker, coherence 1."""
     line = line_of()
     pressure, reference = signals_of(line, 16000, 0.0)
     found = reject_flow_noise(pressure, reference, line.frequency, RATE)
@@ -253,7 +242,6 @@ def write_signals(line, pressure, reference, path) -> None:
 
 
 def test_signal_files(tmp_path):
-    """Signals and reference through a file; what was rejected is in the provenance."""
     line = line_of()
     pressure, reference = signals_of(line, 16000, noise=0.5)
     path = tmp_path / "signals.h5"
@@ -266,26 +254,24 @@ def test_signal_files(tmp_path):
     assert json.loads(json.dumps(report)) == report
     one = read_microphones(path, 1500.0, segment=0.02)
     assert one.frequency.tolist() == [1500.0]
-    with h5py.File(path, "a") as file:
-        del file["reference"]
-    with pytest.raises(ValueError, match=":/reference is missing"):
-        read_microphones(path)
+    for name, words in (("reference", ":/reference is missing"), ("frequency", "states no frequency")):
+        write_signals(line, pressure, reference, path)
+        with h5py.File(path, "a") as file:
+            del file[name]
+        with pytest.raises(ValueError, match=words):
+            read_microphones(path)
 
 
-def test_signals_that_tell_nothing(tmp_path):
+def test_signals_that_tell_nothing():
     line = line_of(frequency=(1500.0,))
     pressure, reference = signals_of(line, 16000, noise=0.0)
     with pytest.warns(tl.DataWarning, match="flow noise alone reaches that once in a hundred"):
         found = reject_flow_noise(turbulence((2, 16000), seed=4), reference, line.frequency, RATE, name="kulites")
     assert found.notes[0].startswith("kulites: the coherence with the reference is 0.")
-    with pytest.raises(ValueError, match="the reference has no tone at 1500 Hz"):
-        reject_flow_noise(pressure, 0 * reference, line.frequency, RATE)
-    with pytest.raises(ValueError, match=r"3 segments of 0\.4 s fit; at least 8"):
-        reject_flow_noise(pressure, reference, line.frequency, RATE, segment=0.4)
-    with pytest.raises(ValueError, match="the reference has 100 samples, the microphones 16000"):
-        reject_flow_noise(pressure, reference[:100], line.frequency, RATE)
-    write_signals(line, pressure, reference, tmp_path / "a.h5")
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        del file["frequency"]
-    with pytest.raises(ValueError, match="states no frequency"):
-        read_microphones(tmp_path / "a.h5")
+    for given, options, words in (
+        (0 * reference, {}, "the reference has no tone at 1500 Hz"),
+        (reference, {"segment": 0.4}, r"3 segments of 0\.4 s fit; at least 8"),
+        (reference[:100], {}, "the reference has 100 samples, the microphones 16000"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            reject_flow_noise(pressure, given, line.frequency, RATE, **options)

@@ -18,7 +18,7 @@ from test_burst_files import record_of
 from test_microphone_line import line_of
 from test_plane_file import LAYOUTS, make_plane
 from test_results_out import hand_map, line, made, points
-from test_two_wave_fit import both_ways
+from test_wall_pressure import both_ways
 from test_wall_pressure import line_of as wall_line
 
 import torchliner as tl

@@ -1,7 +1,5 @@
 """Averaging ``phase-locked``: the phase-locked velocity of the cell, the incoherent of the place."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 
@@ -43,14 +41,10 @@ def educed(plane, liner, **choices):
     return tl.educe(plane, liner, **{"interval": None, **choices})
 
 
-def without_periodic(noise: torch.Tensor, harmonics: int = 8) -> torch.Tensor:
-    """Noise less its own least-squares fit of mean and harmonics."""
-    turning = 2 * np.pi * FREQUENCY * times(noise.shape[1]).numpy()
-    rows = [np.ones_like(turning)]
-    rows += [f(h * turning) for h in range(1, harmonics + 1) for f in (np.cos, np.sin)]
-    basis = np.stack(rows)
-    fit = np.linalg.lstsq(basis.T, noise.numpy().T, rcond=None)[0]
-    return noise - torch.from_numpy((basis.T @ fit).T)
+def harmonics_of(samples: int) -> np.ndarray:
+    """Mean, cosines and sines of eight harmonics, (17, T)."""
+    turning = 2 * np.pi * FREQUENCY * times(samples).numpy()
+    return np.stack([np.ones_like(turning), *(f(h * turning) for f in (np.cos, np.sin) for h in range(1, 9))])
 
 
 def test_slow_turbulence_is_not_taken_for_a_mean(onera):
@@ -72,16 +66,12 @@ def mixed(samples: int = 600, seed: int = 0) -> torch.Tensor:
 
 def by_hand(velocity: torch.Tensor) -> torch.Tensor:
     """v* of whole periods with the formula as it stands, fits block by block for the share."""
-    turning = 2 * np.pi * FREQUENCY * times(velocity.shape[1]).numpy()
-    rows = [np.ones_like(turning)]
-    rows += [f(h * turning) for f in (np.cos, np.sin) for h in range(1, 9)]
-    basis = np.stack(rows)
+    basis = harmonics_of(velocity.shape[1])
     v = velocity.numpy().reshape(-1, PROBES, velocity.shape[1])
 
     def away(part: slice) -> np.ndarray:
-        fits = np.linalg.lstsq(basis[:, part].T, v[..., part].reshape(-1, basis[0, part].size).T, rcond=None)[
-            0
-        ].reshape(len(basis), -1, PROBES)
+        flat = v[..., part].reshape(-1, basis[0, part].size).T
+        fits = np.linalg.lstsq(basis[:, part].T, flat, rcond=None)[0].reshape(len(basis), -1, PROBES)
         return fits - fits.mean(-1, keepdims=True)
 
     whole, length = away(slice(None)), velocity.shape[1] // PERIODS
@@ -112,7 +102,6 @@ CHOSEN = [
 
 @pytest.mark.parametrize("choices", CHOSEN, ids=str)
 def test_it_is_an_eduction_of_the_velocity_of_the_formula(onera, choices):
-    """v* made by hand and educed as it is, under every rule."""
     velocity = mixed()
     if choices.get("phase") == "self-consistent":
         choices = choices | {"minimum_coherence": 0.0}
@@ -125,11 +114,10 @@ def test_it_is_an_eduction_of_the_velocity_of_the_formula(onera, choices):
 
 @pytest.mark.parametrize("choices", [{}, {"drive": "rms"}, {"mean": "removed"}], ids=str)
 def test_oncoming_turbulence_of_a_known_rms(onera, choices):
-    """Each cell's incoherent part brought down to it, what its fits keep of it too; more than is
-    there is left as it is."""
+    """Each cell's incoherent part, and what its fits keep of it, brought down to it; never up."""
     velocity = mixed()
-    star, incoherent = by_hand(velocity), without_periodic(velocity)
-    in_step = velocity - incoherent
+    star, basis = by_hand(velocity), harmonics_of(600)
+    in_step = torch.from_numpy(np.linalg.lstsq(basis.T, velocity.numpy().T, rcond=None)[0].T @ basis)
     cell = in_step.reshape(-1, PROBES, 600).mean(1).repeat_interleave(PROBES, 0)
     coherent = cell + (velocity - star)  # v' = <v_per> + g d
     own = (velocity - coherent).reshape(-1, PROBES, 600).square().mean((1, 2)).sqrt()
@@ -146,7 +134,6 @@ def test_oncoming_turbulence_of_a_known_rms(onera, choices):
 
 
 def test_probes_left_out_and_probes_of_no_cell(onera):
-    """A faulty probe is not in its cell's coherent velocity; one of no cell keeps its own."""
     velocity = torch.cat([mixed(), sound(600)[:3]])  # three probes of a third tile
     broken = velocity.clone()
     broken[2, 100] = torch.nan
@@ -158,12 +145,9 @@ def test_probes_left_out_and_probes_of_no_cell(onera):
     fewer = dataclasses.replace(plane, velocity=velocity[kept], x=plane.x[kept])
     wanted = educed(fewer, onera)
     assert bool(torch.isnan(found.probes["phase-locked"].reflection[2].real).all())
-    assert (
-        relative_error(found.probes["phase-locked"].reflection[kept], wanted.probes["phase-locked"].reflection) < 1e-12
-    )
-    assert (
-        relative_error(found.probes["phase-locked"].reflection[-3:], found.probes["admittance"].reflection[-3:]) < 1e-12
-    )
+    locked = found.probes["phase-locked"].reflection
+    assert relative_error(locked[kept], wanted.probes["phase-locked"].reflection) < 1e-12
+    assert relative_error(locked[-3:], found.probes["admittance"].reflection[-3:]) < 1e-12
 
 
 def in_turbulence(onera, samples: int, generator: np.random.Generator, **choices):
@@ -192,9 +176,7 @@ def test_intervals_are_those_of_that_velocity(onera, phase):
     choices = {"phase": phase, "minimum_coherence": 0.0}
     found = tl.educe(on_cells(velocity), onera, **choices)
     wanted = tl.educe(on_cells(by_hand(velocity)), onera, averaging="admittance", **choices)
-    for mine, theirs in (
-        (found.liner["phase-locked"].interval, wanted.liner["admittance"].interval),
-        (found.cells["phase-locked"].interval, wanted.cells["admittance"].interval),
-    ):
-        ratio = mine.standard_error.real / theirs.standard_error.real
+    for mine, theirs in ((found.liner, wanted.liner), (found.cells, wanted.cells)):
+        errors = mine["phase-locked"].interval.standard_error, theirs["admittance"].interval.standard_error
+        ratio = errors[0].real / errors[1].real
         assert 0.9 < float(ratio.mean()) < 1.5

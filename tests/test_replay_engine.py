@@ -1,6 +1,4 @@
-"""The whole reflected signal against the literal sum (3.2), and R from it against the kernels' own response."""
-
-from __future__ import annotations
+"""Kernels, levels of |v|, and the whole reflected signal against the literal sum (3.2)."""
 
 import dataclasses
 import math
@@ -10,14 +8,18 @@ import pytest
 import scipy.signal
 import torch
 from conftest import RATE, turbulence
+from hypothesis import given
+from hypothesis import strategies as st
 from one_device import OneDevice
 
+import torchliner as tl
 from torchliner.engine import replay as engine
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
-from torchliner.engine.kernels import build_kernels, interpolate
+from torchliner.engine.kernels import VelocityGrid, build_kernels, interpolate
 from torchliner.engine.replay import Replay, transfer
 from torchliner.engine.sums import Held, Job, linear, reduce
+from torchliner.liners.model import reflection_of
 from torchliner.records.incident import BandNoise, ComplexTones, Recorded, Sweep, Tones
 
 GRIDS = {"ours": ("sqrt", "cubic"), "paper": ("uniform", "linear")}
@@ -90,7 +92,6 @@ SENT = {
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize("edge", ["silent", "periodic"])
 def test_the_literal_sum(liner, kind, grid, edge):
-    """Every wave, kernel, level rule and edge; tones of whole periods."""
     v, kernels = velocity(120, 2), table(liner, kind, grid)
     for name, incident in SENT.items():
         wanted = literal_sum(v, kernels, incident.sampled(120, RATE), edge == "periodic")
@@ -106,7 +107,6 @@ def test_the_literal_sum(liner, kind, grid, edge):
 
 @pytest.mark.parametrize("edge", ["silent", "periodic"])
 def test_bits_depend_neither_on_neighbours_nor_on_cuts(kernels, edge, monkeypatch):
-    """Tiles of columns, columns alone, parts of the record with and without a gap, and parts of blocks."""
     v, noise = velocity(700, 6), BandNoise(500, 3000)
     wanted = whole(v, kernels, noise, edge=edge)
     monkeypatch.setattr(engine, "ON_CPU", 2 * 64 * 149)
@@ -190,21 +190,71 @@ def test_all_work_stays_on_the_device_of_the_data(kernels, edge):
     assert (found.reflection.device.type, found.reflection.shape) == ("meta", (7, 1))
 
 
-REFUSALS = [
-    (lambda k: build_kernels(None, RATE, velocity_max=9.0, band=(3500.0, 300.0)), "3500 Hz to 300 Hz.*upwards"),
-    (lambda k: build_kernels(None, 500.0, velocity_max=9.0), "300 Hz.*500 Hz"),
-    (lambda k: whole(velocity(100, 1), k, Tones(1000.0), edge="periodic"), "2.38095 periods of 1000 Hz.*silent"),
-    (lambda k: whole(velocity(100, 1), k, BandNoise(500, 600)), "500-600 Hz.*420 Hz.*widen"),
-    (lambda k: whole(velocity(100, 1), k, SENT["recorded"]), "120 samples.*100.*pad"),
-    (
-        lambda k: transfer(held(velocity(420, 1)), BandNoise(500, 900), LINES[-1:], RATE),
-        "noise 500-900.*3000 Hz.*60 dB",
-    ),
-    (lambda k: transfer(held(velocity(420, 1)), Tones(500.0), LINES[:1], RATE, segment=421), "421 samples.*even.*420"),
-]
-
-
-@pytest.mark.parametrize(("call", "words"), REFUSALS)
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda k: build_kernels(None, RATE, velocity_max=9.0, band=(3500.0, 300.0)), "3500 Hz to 300 Hz.*upwards"),
+        (lambda k: build_kernels(None, 500.0, velocity_max=9.0), "300 Hz.*500 Hz"),
+        (lambda k: whole(velocity(100, 1), k, Tones(1000.0), edge="periodic"), "2.38095 periods of 1000 Hz.*silent"),
+        (lambda k: whole(velocity(100, 1), k, BandNoise(500, 600)), "500-600 Hz.*420 Hz.*widen"),
+        (lambda k: whole(velocity(100, 1), k, SENT["recorded"]), "120 samples.*100.*pad"),
+        (
+            lambda k: transfer(held(velocity(420, 1)), BandNoise(500, 900), LINES[-1:], RATE),
+            "noise 500-900.*3000 Hz.*60 dB",
+        ),
+        (
+            lambda k: transfer(held(velocity(420, 1)), Tones(500.0), LINES[:1], RATE, segment=421),
+            "421 samples.*even.*420",
+        ),
+    ],
+)
 def test_what_is_wrong_is_named(kernels, call, words):
     with pytest.raises(ValueError, match=words):
         call(kernels)
+
+
+@pytest.mark.parametrize("name", ["onera", "polito_as_printed"])
+@pytest.mark.parametrize("rate", [15e3, 50e3, 200e3])
+def test_two_sided_kernels_are_the_model_in_the_band(name, rate):
+    """Error at most 4e-7 for every |v| up to 20 m/s, gain at most 1.25, and the stated error is the true one."""
+    kernels = build_kernels(tl.load_liner(name), rate, velocity_max=20.0, levels=40)
+    assert max(kernels.error / 4e-7, kernels.gain / 1.25) <= 1
+    check = torch.linspace(300, 3500, 311, dtype=F64)
+    away = kernels.response(check) - reflection_of(tl.load_liner(name), check, kernels.grid.speeds[:, None])
+    assert float(away.abs().max()) <= kernels.error * 1.05
+
+
+@pytest.mark.parametrize(
+    ("top", "levels", "spacing", "kind", "limit"),
+    [
+        (1.0, 200, "uniform", "linear", 6e-5),
+        (20.0, 200, "uniform", "linear", 2.2e-2),
+        (20.0, 200, "sqrt", "cubic", 6e-6),
+        (5.0, 200, "sqrt", "cubic", 1e-6),
+    ],
+)
+def test_interpolation_error(top, levels, spacing, kind, limit):
+    """Cubics in the root of |v| beat the paper's levels by three orders."""
+    grid, speeds = VelocityGrid(top, levels, spacing, kind), torch.linspace(0, top, 20001, dtype=F64)
+    f, worst = torch.tensor([300.0, 1400.0, 3500.0], dtype=F64), 0.0
+    for name in ("onera", "polito_as_printed"):
+        liner = tl.load_liner(name)
+        found = interpolate(reflection_of(liner, f, grid.speeds[:, None]), *grid.locate(speeds))
+        worst = max(worst, float((found - reflection_of(liner, f, speeds[:, None])).abs().max()))
+    assert limit / 20 < worst <= limit
+
+
+@given(
+    top=st.floats(1e-3, 100),
+    levels=st.integers(4, 50),
+    share=st.floats(0, 1),
+    spacing=st.sampled_from(["sqrt", "uniform"]),
+    kind=st.sampled_from(["linear", "cubic"]),
+)
+def test_interpolation_is_exact_on_its_polynomials(top, levels, share, spacing, kind):
+    grid, speed = VelocityGrid(top, levels, spacing, kind), torch.tensor([share * top], dtype=F64)
+    root = 0.5 if spacing == "sqrt" else 1.0
+    for power in (0, 1, 3) if kind == "cubic" else (0, 1):
+        wanted = (speed / top) ** (root * power)
+        found = interpolate((grid.speeds[:, None] / top) ** (root * power), *grid.locate(speed))
+        assert float((found - wanted).abs()) < 1e-9

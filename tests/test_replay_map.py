@@ -1,24 +1,21 @@
-"""Maps from reflected signals: frozen velocities, noise, segments, the paper's recipe, files, refusals."""
-
-from __future__ import annotations
+"""Maps from reflected signals, and the waves that are sent: noise, segments, the paper's recipe, files, refusals."""
 
 import h5py
 import numpy as np
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, RATE, frozen_plane, plane_of, turbulence
+from conftest import DATA, FREQUENCY, RATE, codes, frozen_plane, plane_of, relative_error, turbulence
+from scipy.io import wavfile
+from scipy.signal import hilbert
 
 import torchliner as tl
+
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
 SAMPLES = 840  # lines 50 Hz apart
 LINES = [500.0, 1400.0, 3000.0, 4800.0]
 PAPER = {"kernel": "causal", "levels": 200, "spacing": "uniform", "interpolation": "linear", "window": "hann"}
 F64 = torch.float64
-pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-
-
-def codes(found: tl.ImpedanceMap) -> set[str]:
-    return {note.code for note in found.notes}
 
 
 @pytest.mark.parametrize(
@@ -91,7 +88,6 @@ def test_the_paper_to_the_letter_against_stored_values():
 
 
 def test_averages_and_probes_that_are_left_out(liner):
-    """A probe alone, excluded ones, a mean that is removed, the cell's mean velocity."""
     v = turbulence((4, SAMPLES), seed=2)
     options = {"frequency": LINES, "velocity_max": 16.0}
     found = tl.replay(plane_of(v), liner, "noise:300:5000", **options)
@@ -113,7 +109,6 @@ def test_averages_and_probes_that_are_left_out(liner):
 
 
 def test_gradients_pass_to_velocity_and_liner():
-    """dZ by a number of the liner and by v, against differences."""
     liner = tl.load_liner("polito")
     porosity = torch.tensor(float(liner.porosity), dtype=F64, requires_grad=True)
     v = turbulence((1, 300), seed=1).requires_grad_()
@@ -134,10 +129,9 @@ def test_gradients_pass_to_velocity_and_liner():
 
 
 def test_what_is_doubtful_is_noted(liner):
-    """Kernels, levels, energy beyond the band, and replies that cross the ends of segments, with sizes in Z."""
     plane = plane_of(turbulence((2, SAMPLES), rms=5.0))
     found = tl.replay(plane, liner, FREQUENCY, **PAPER)
-    assert {"kernel", "levels"} <= codes(found)
+    assert {"kernel", "levels"} <= {*codes(found)}
     size = next(note.size for note in found.notes if note.code == "levels")
     assert size == pytest.approx(found.choices["level_error"] * float((1 + found.answer).abs().square().max()) / 2)
     wide = tl.Recorded(tl.BandNoise(300, 12000).sampled(SAMPLES, RATE), RATE)
@@ -167,22 +161,23 @@ def test_the_reflected_signal_is_written(liner, tmp_path, segment):
 
 
 NOISE = tl.BandNoise(300, 5000)
-REFUSED = [
-    (tl.Recorded(torch.ones(SAMPLES), 50e3), {}, "50000 Hz.*42000 Hz"),
-    (tl.Recorded(torch.ones(SAMPLES - 1), RATE), {}, "839 samples.*840"),
-    (tl.BandNoise(310, 340), {}, "310-340 Hz.*50 Hz apart"),
-    (tl.BandNoise(300, 1000), {"frequency": 1400.0}, "300-1000 Hz.*1400 Hz"),
-    (NOISE, {"frequency": 20700.0}, "20700 Hz.*20580 Hz"),
-    (NOISE, {"segment": 1.0}, "1 s.*0.02 s"),
-    (1400.0, {"frequency": 700.0}, "different tones.*once"),
-    (1400.0, {"reflected": "y.h5"}, r"tl\.Tones"),
-    ("speech.wav", {}, "speech.wav.*tl.read_signal"),
-]
 
 
-@pytest.mark.parametrize(("incident", "options", "words"), REFUSED)
+@pytest.mark.parametrize(
+    ("incident", "options", "words"),
+    [
+        (tl.Recorded(torch.ones(SAMPLES), 50e3), {}, "50000 Hz.*42000 Hz"),
+        (tl.Recorded(torch.ones(SAMPLES - 1), RATE), {}, "839 samples.*840"),
+        (tl.BandNoise(310, 340), {}, "310-340 Hz.*50 Hz apart"),
+        (tl.BandNoise(300, 1000), {"frequency": 1400.0}, "300-1000 Hz.*1400 Hz"),
+        (NOISE, {"frequency": 20700.0}, "20700 Hz.*20580 Hz"),
+        (NOISE, {"segment": 1.0}, "1 s.*0.02 s"),
+        (1400.0, {"frequency": 700.0}, "different tones.*once"),
+        (1400.0, {"reflected": "y.h5"}, r"tl\.Tones"),
+        ("speech.wav", {}, "speech.wav.*tl.read_signal"),
+    ],
+)
 def test_what_cannot_serve_is_refused(liner, incident, options, words):
-    """Each says what would."""
     plane = plane_of(turbulence((1, SAMPLES)))
     with pytest.raises(ValueError, match=words):
         tl.replay(plane, liner, incident, **options)
@@ -195,3 +190,55 @@ def test_moments_and_late_faults_are_refused(liner):
     plane.velocity[0, -1] = torch.nan  # behind the last whole period
     with pytest.raises(ValueError, match=r"probe \(0,\).*cut"):
         tl.replay(plane, liner, 1400.0)
+
+
+def test_recorded_waves(liner, tmp_path):
+    plane, lines = plane_of(turbulence((2, SAMPLES))), [500.0, 1400.0, 4600.0]
+    noise = tl.BandNoise(400, 4600).sampled(SAMPLES, RATE).numpy()
+    wanted = tl.replay(plane, liner, tl.Recorded(noise, RATE), lines)
+    assert wanted.choices["edge"] == "silent"
+    np.save(tmp_path / "s.npy", noise[:, None])
+    assert np.array_equal(tl.read_signal(tmp_path / "s.npy", RATE).signal, noise)
+    wavfile.write(tmp_path / "s.wav", int(RATE), (noise / 4).astype(np.float32))
+    found = tl.replay(plane, liner, tl.read_signal(tmp_path / "s.wav"), lines)
+    assert relative_error(found.impedance, wanted.impedance) < 1e-4
+    for kind, limit in ((np.int16, 1e-3), (np.int32, 1e-6), (np.uint8, 0.1)):
+        shifted = noise / 4 * 127 + 128 if kind is np.uint8 else noise / 4 * np.iinfo(kind).max
+        wavfile.write(tmp_path / "i.wav", int(RATE), shifted.round().astype(kind))
+        assert np.abs(tl.read_signal(tmp_path / "i.wav").signal.numpy() - noise / 4).max() < limit
+
+
+def test_signal_files_that_cannot_be_read(tmp_path):
+    wavfile.write(tmp_path / "two.wav", 42000, np.ones((100, 2), dtype=np.float32))
+    assert len(tl.read_signal(tmp_path / "two.wav", channel=1).signal) == 100
+    np.save(tmp_path / "s.npy", np.ones(10))
+    for cut in (300, 20, 0):
+        (tmp_path / f"cut{cut}.wav").write_bytes((tmp_path / "two.wav").read_bytes()[:cut])
+    for name, rate, channel, words in (
+        ("a.wav", None, None, "no such file"),
+        ("two.wav", None, None, r"\(100, 2\).*choose one channel"),
+        ("two.wav", None, 2, "choose one channel, not 2"),
+        ("two.wav", 50e3, None, "says 42000 Hz, sampling_rate 50000"),
+        *((f"cut{cut}.wav", None, None, r"not a whole \.wav file") for cut in (300, 20, 0)),
+        (".", 50e3, None, "is a folder"),
+        ("s.npy", 50e3, 5, "choose one channel, not 5"),
+        ("s.npy", None, None, "does not state its sampling rate"),
+    ):
+        with pytest.raises((ValueError, OSError), match=words):
+            tl.read_signal(tmp_path / name, rate, channel=channel)
+
+
+def test_sent_signals_are_what_they_say():
+    """rms 1 and flat lines for noise; instantaneous frequency for sweeps; low peaks for tones."""
+    noise = tl.BandNoise(300, 5000, seed=2).sampled(SAMPLES, RATE)
+    lines = torch.fft.rfft(noise).abs()
+    assert float(noise.square().mean()) == pytest.approx(1)
+    assert float(lines[6:101].std() / lines[6:101].mean()) < 1e-12
+    assert float(lines[:6].max()) < 1e-9
+    assert float((noise - tl.BandNoise(300, 5000, seed=3).sampled(SAMPLES, RATE)).abs().max()) > 1
+    for spacing, middle in (("linear", 2650.0), ("logarithmic", (300 * 5000) ** 0.5)):
+        sweep = tl.Sweep(300, 5000, spacing).sampled(8400, RATE).numpy()
+        phase = np.unwrap(np.angle(hilbert(sweep)))
+        assert np.gradient(phase)[4150:4250].mean() * RATE / 2 / np.pi == pytest.approx(middle, rel=0.01)
+    tones = tl.Tones([500.0 * k for k in range(1, 11)]).sampled(SAMPLES, RATE)
+    assert float(tones.abs().max()) < 0.75 * 10

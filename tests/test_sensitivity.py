@@ -1,18 +1,16 @@
 """Derivatives of the educed impedance in the liner's parameters, and tolerances propagated."""
 
-from __future__ import annotations
-
-import json
-
 import pytest
 import torch
-from conftest import FREQUENCY, PARAMETERS, Resistive, frozen_plane, plane_of, turbulence
+from conftest import FREQUENCY, PARAMETERS, RATE, Resistive, frozen_plane, plane_of, turbulence
+from torch.autograd import forward_ad
 
 import torchliner as tl
-from torchliner.cli.main import DONE, main
+from torchliner.least_squares import dual_level
 from torchliner.units import parse_tolerance
 
-pytestmark = [pytest.mark.filterwarnings("ignore::torchliner.DataWarning")]
+pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
+
 SPEEDS = 1e-6  # differences with steps of 1e-5; interpolation over |v| leaves 1e-8
 TOLERANCES = {"orifice_diameter": "0.02 mm", "porosity": "2 %", "cavity_depth": "0.1 mm"}
 
@@ -24,7 +22,6 @@ def model(**changes):
 
 
 def cells_plane():
-    """Twelve probes over two cells."""
     return plane_of(turbulence((12, 300), seed=2), x=[(i + 0.5) * 10e-3 / 12 for i in range(12)])
 
 
@@ -43,7 +40,6 @@ def largest(found, wanted):
 
 
 def differences(make, value, **options):
-    """Of ``educe``, by averaging."""
     step = 1e-5 * abs(value)
     above, below = (tl.educe(cells_plane(), make(value + sign * step), **options).liner for sign in (1, -1))
     return {name: (above[name].impedance - below[name].impedance) / (2 * step) for name in above}
@@ -56,7 +52,6 @@ def wrapped():
 
 @pytest.mark.parametrize("name", model().numbers())
 def test_every_parameter_against_differences(wrapped, name):
-    """All from one reading; central differences of ``educe`` agree in every averaging."""
     row = [*wrapped.numbers].index(name)
     for averaging, wanted in differences(lambda value: moved(name, value), model().numbers()[name].value).items():
         assert largest(wrapped.liner[averaging][row], wanted) < SPEEDS
@@ -77,7 +72,6 @@ def test_moments_stand_for_a_plane(wrapped):
 
 
 def test_one_tolerance_is_one_contribution(wrapped):
-    """Rectangular limits are divided by sqrt 3, a standard uncertainty is taken as it is."""
     row = [*wrapped.numbers].index("orifice_diameter")
     for limits, factor in (("rectangular", 3**-0.5), ("standard", 1.0)):
         budget = wrapped.propagate({"orifice_diameter": "0.02 mm"}, limits=limits)
@@ -116,7 +110,6 @@ def test_the_budget_against_monte_carlo():
     ],
 )
 def test_tolerances_are_read(text, name, wanted):
-    """Units and per cent to SI half-widths."""
     number = model().numbers()[name]
     assert parse_tolerance(text, name, number.quantity, number.value) == pytest.approx(wanted, rel=1e-12)
 
@@ -140,8 +133,6 @@ def test_tolerances_without_meaning_are_refused(wrapped, tolerances, message):
 
 
 class Broken(Resistive):
-    """Which passes no derivative in a."""
-
     def impedance(self, frequency, speed=0.0):
         speed = torch.as_tensor(speed)
         return torch.complex(float(self.a) * speed + 0 * frequency, 0 * speed * frequency)
@@ -167,21 +158,45 @@ def test_slips_are_refused(liner, changes, error, message):
         tl.sensitivities([cells_plane()], model())
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    """A file of twelve probes that names its liner."""
-    path = tmp_path_factory.mktemp("planes") / "small.h5"
-    plane_of(turbulence((12, 300), seed=2), liner="lbm_slit").write(path)
-    return str(path)
+def make(name=None, value=None):
+    given = {**PARAMETERS, **({} if name is None else {name: value})}
+    return tl.SDoFLiner(**given, velocity_reading="conserved")
 
 
-def test_command_is_the_budget(capsys, small):
-    """The parameters by size, then their sum."""
-    words = ["sensitivity", small, "--tolerance", "orifice_diameter=0.02 mm", "--tolerance", "porosity=2 %", "--quiet"]
-    assert main([*words, "--json"]) == DONE
-    plain = json.loads(capsys.readouterr().out)
-    found = tl.sensitivities(tl.read_plane(small), tl.load_liner("lbm_slit"))
-    budget = found.propagate({"orifice_diameter": "0.02 mm", "porosity": "2 %"})
-    total = complex(budget.combined["velocity"][0])
-    assert [row["parameter"] for row in plain["rows"]] == ["porosity", "orifice_diameter", "combined"]
-    assert plain["rows"][-1]["impedance"]["resistance"] == pytest.approx(total.real, rel=1e-6)
+def reflection(liner, frequencies=(FREQUENCY,), **options):
+    tone = 3 * torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(300))
+    plane = plane_of(turbulence((4, 300), seed=2) + tone)
+    if options.get("phase") == "given":
+        options["reference_phase"] = 0.3
+    return tl.educe(plane, liner, list(frequencies), **options).probes["admittance"].reflection
+
+
+@pytest.mark.parametrize("phase", ["averaged", "given", "self-consistent"])
+def test_backward_is_forward(phase):
+    value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)
+    found = reflection(make("vena_contracta", value), (1400, 2100), phase=phase)
+    parts = torch.cat([found.real.flatten(), found.imag.flatten()])
+    backward = torch.stack([torch.autograd.grad(part, value, retain_graph=True)[0] for part in parts])
+    with dual_level():
+        dual = forward_ad.make_dual(value.detach(), torch.ones_like(value))
+        again = reflection(make("vena_contracta", dual), (1400, 2100), phase=phase)
+        slope = forward_ad.unpack_dual(again).tangent
+    wanted = torch.cat([slope.real.flatten(), slope.imag.flatten()])
+    assert float((backward - wanted).abs().max()) < 1e-9 * float(wanted.abs().max())
+
+
+def test_second_derivative():
+    value = torch.tensor(0.78, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradgradcheck(
+        lambda c: torch.view_as_real(reflection(make("vena_contracta", c))).sum(), value
+    )
+
+
+def test_moments_refuse_to_lose_the_derivative_in_the_velocity():
+    """Of the default engine; without derivatives it is as good as any other."""
+    plane = plane_of(turbulence((2, 300), seed=2).requires_grad_())
+    for read in (lambda: tl.educe(plane, make()), lambda: tl.moments(plane)):
+        with pytest.raises(ValueError, match=r"carries a gradient.*replay"):
+            read()
+        with torch.no_grad():
+            read()
