@@ -94,7 +94,7 @@ def test_the_screen_says_z_interval_check_and_step(found):
         assert words in text
     rows = answer.plain["rows"]
     assert rows[0]["impedance"] == z
-    assert {row["averaging"] for row in rows} == {*AVERAGINGS, "true", "in situ"}
+    assert {row["averaging"] for row in rows} == {*AVERAGINGS, "reference", "in situ"}
 
 
 def test_warnings_go_by_what_they_may_move():
@@ -169,7 +169,7 @@ def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_
     for figure, words in ((along, "(mm)"), (curves.draw_velocity([made()]), "m s"), (maps.draw_map(found[0]), "(mm)")):
         assert words in " ".join(axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes)
     names = {text.get_text() for text in along.legends[0].get_texts()}
-    assert {"true", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= names
+    assert {"reference", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= names
     assert (tmp_path / "along.pdf").stat().st_size > 4000
     assert dict(matplotlib.rcParams) == before
 

@@ -111,13 +111,14 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def references_of(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
-    """Independent impedances of the case, "true" first, and Goodrich's where the flow is known."""
+    """Independent impedances of the case, the file's "true" first; Goodrich's where the flow is known."""
     seen: dict[str, complex] = {}
     for result in results:
         seen.update(result.reference_at(frequency_index))
         if result.goodrich is not None:
             seen["Goodrich (2.7), linear liner"] = complex(result.goodrich[frequency_index])
-    return dict(sorted(seen.items(), key=lambda item: item[0] != "true"))
+    first = {"reference": seen.pop("true")} if "true" in seen else {}
+    return first | seen
 
 
 def alongside_at(results: Sequence[ImpedanceMap], frequency_index: int) -> list[tuple[PointImpedances, int]]:
