@@ -311,7 +311,7 @@ def test_moments_stand_for_a_plane(capsys, small, words):
 @pytest.mark.parametrize(
     ("where", "words"),
     [
-        ("velocity.educe.educe", ["educe", SLIT]),
+        ("educe", ["educe", SLIT]),
         ("io.moments_file.write_row", ["reduce", SLIT, "-o", "m.h5"]),
         ("duct.solver.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
     ],

@@ -342,7 +342,7 @@ def test_the_demo_planes_are_the_shipped_ones_and_small():
 def test_the_demo_educes_near_the_truth(tmp_path, monkeypatch, capsys, unrendered):
     monkeypatch.chdir(tmp_path)
     assert main(["educe", str(DATA / "slit_n130_y0.5mm.h5"), "--quiet", "--verbose"]) == DONE
-    assert re.search(r"true +0\.168-0\.066j", capsys.readouterr().out)
+    assert re.search(r"reference +0\.168-0\.066j", capsys.readouterr().out)
     assert main(["demo"]) == DONE
     out = capsys.readouterr().out
     assert "0.174-0.063j" in out

@@ -113,8 +113,13 @@ def taken(group: h5py.Group, path: str | Path, *kinds: Any) -> Any:
     kind = SCHEMAS[require_schema(group, path, *(kind.SCHEMA for kind in kinds))]
     known = {"name": str(path)} if group.name == "/" and issubclass(kind, Case) else {}
     made = take(group, kind, path, known)
+    axes = getattr(made, "axes", {})  # so that places are as many as the values along them
+    rows = [
+        (dataclasses.replace(row, dims=tuple(name for dim in row.dims for name in axes.get(dim, (dim,)))), value)
+        for row, value in flat(made, derived=False)
+    ]
     with naming(path):
-        require_shapes(flat(made, derived=False), f"{path}:{group.name}")
+        require_shapes(rows, f"{path}:{group.name}")
     return made
 
 

@@ -42,7 +42,7 @@ STATED = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.
 STATED |= FLUID_UNITS
 REMEDIES = {
     "torchliner pressure": "; use torchliner insitu",
-    "torchliner moments": ": moments of |v|, and this needs samples; name the plane that was reduced",
+    "torchliner moments": ": moments, and this needs the samples, which are gone; name the plane that was reduced",
 }
 # Names of axes.
 PLACE = r"(_?(c|coords?|coordinates?|axis|dim|centers?|pos|positions?|unique))?"
