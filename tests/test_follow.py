@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import json
 import math
 import subprocess
@@ -131,8 +132,10 @@ with h5py.File(path, "w", libver="latest") as file:
 """
 
 
-def test_a_file_that_another_process_writes(tmp_path, velocity):
-    """SWMR: read while it is open, at moments when velocity is ahead of its times as well."""
+def test_a_file_that_another_process_writes(tmp_path, velocity, request):
+    """SWMR: read while it is open, at moments when velocity is ahead of its times as well; no look leaves it open."""
+    gc.disable()
+    request.addfinalizer(gc.enable)
     path = tmp_path / "plane.h5"
     np.save(f"{path}.npy", velocity.T.numpy())
     with subprocess.Popen(

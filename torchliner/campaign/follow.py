@@ -7,7 +7,6 @@ known at the end of a record only, so that ``phase-locked`` averaging is not to 
 from __future__ import annotations
 
 import dataclasses
-import gc
 import math
 import re
 import time
@@ -199,7 +198,6 @@ class Frames:
     def _whole(self, files: list[Path]) -> VelocityPlane | None:
         """All that can be read; without the last file, which is tried again, while that cannot be read by itself."""
         self.error = None
-        gc.collect()  # a plane read before that is still open would go on showing its old size, as HDF5 has it
         try:
             return read_plane(files, lazy=True, **self.request)
         except (OSError, ValueError) as error:
@@ -207,8 +205,6 @@ class Frames:
             try:
                 read_plane(files[-1], lazy=True, **self.request)
             except (OSError, ValueError) as own:
-                # Its frames would hold the file open, likewise.
-                own.__traceback__ = own.__context__ = None
                 self.error = own
                 return before
             raise error
@@ -268,7 +264,6 @@ def follow(
             else:
                 growing.update(piece.velocity)
             count += piece.samples
-            del piece  # likewise
         if growing is not None and count:
             waited = 0.0
             yield growing, (rows := _standing(growing, liner, frequency, until, choices))

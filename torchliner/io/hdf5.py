@@ -42,7 +42,7 @@ def hold_open(path: str | Path) -> h5py.File:
         try:
             return h5py.File(path, "r", rdcc_nbytes=CHUNK_CACHE, **settings)
         except OSError as error:
-            failed = error
+            failed = error.with_traceback(None)  # its frames, this one among them, would keep the file open in a cycle
             if not re.search("locking|already open for write", str(error)):
                 break
     why = "is truncated" if "truncated" in str(failed) else "is not an HDF5 (netCDF-4) file"
