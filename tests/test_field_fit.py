@@ -8,6 +8,7 @@ import warnings
 import pytest
 import scipy.stats
 import torch
+from conftest import doubtful
 
 import torchliner as tl
 from torchliner.duct.case import DuctCase
@@ -19,8 +20,6 @@ from torchliner.least_squares import Problem, System, best_of, damped_step, leas
 from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import MicrophoneLine
-
-pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
 TRUE = 1.4 - 0.6j
 
@@ -84,6 +83,7 @@ def test_a_fitted_far_end_needs_no_knowledge_of_it(side, reflection):
     assert float(found.residual.max()) < 1e-9
 
 
+@doubtful
 @pytest.mark.parametrize("wall", [0.0, 1e-3, 0.05 - 0.2j, 50.0, 0.05 - 8j, 0.3 + 0.9j])
 def test_walls_at_the_ends_of_the_range(wall):
     line, solver = solved(impedance=wall, frequency=(1500.0,))
@@ -94,6 +94,7 @@ def test_walls_at_the_ends_of_the_range(wall):
     assert abs(complex(found.impedance[0]) - wall) < 1e-6 * (1 + abs(wall))
 
 
+@doubtful
 def test_a_fit_that_leans_on_a_growing_wave_says_so():
     """Pressures of uniform flow fitted with a sheared profile, in which that liner amplifies: the fit flees."""
     x, frequency = torch.linspace(0.02, 0.78, 12).double(), torch.tensor([500.0]).double()

@@ -11,8 +11,6 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.records.cells import Cells
 
-pytestmark = pytest.mark.filterwarnings("ignore::torchliner.checks.DataWarning")
-
 MM = 1e-3
 TWO = tl.Holes((2 * MM, 6 * MM), (1 * MM, 1 * MM), (1 * MM, 1 * MM))
 
