@@ -59,10 +59,10 @@ def result_rows(record: Result, of: str | None = None) -> Rows:
 
 def _rows_of(record: Result, of: str) -> Rows:
     noun, axes, sizes = of.removesuffix("s"), getattr(record, "axes", {}), dict[str, int]()
-    places = [dim for name in record.PLACES[of] for dim in axes.get(name, (name,))]
+    places = dims_of(record.PLACES[of], axes)
     wanted, found = (*places, "frequency"), dict[str, tuple[list[str], np.ndarray]]()
     for row, value in flat(record):
-        dims, values = dims_of(row, axes), plain(value)
+        dims, values = dims_of(row.dims, axes), plain(value)
         own = [dim for dim in dims if dim != "averaging"]
         if not own or not {*own} <= {*wanted}:
             continue

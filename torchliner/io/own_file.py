@@ -20,7 +20,7 @@ from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
 from torchliner.io.clocks import read_times
 from torchliner.io.hdf5 import is_there, open_file, require_stored, text_attribute
-from torchliner.io.own_writer import FLUID_UNITS, REFERENCES
+from torchliner.io.own_writer import FLUID_UNITS, REFERENCES, dims_of
 from torchliner.io.variables import Field, coordinate, references_of
 from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances
 from torchliner.records.case import Case
@@ -115,7 +115,7 @@ def taken(group: h5py.Group, path: str | Path, *kinds: Any) -> Any:
     made = take(group, kind, path, known)
     axes = getattr(made, "axes", {})  # so that places are as many as the values along them
     rows = [
-        (dataclasses.replace(row, dims=tuple(name for dim in row.dims for name in axes.get(dim, (dim,)))), value)
+        (dataclasses.replace(row, dims=tuple(dims_of(row.dims, axes))), value)
         for row, value in flat(made, derived=False)
     ]
     with naming(path):

@@ -102,7 +102,7 @@ def fill(group: h5netcdf.Group, record: Any, unsaid: Sequence[str] = (), **more:
     if hasattr(record, "SCHEMA"):
         set_texts(group, schema=record.SCHEMA)
     rows = [(row, value) for row, value in flat(record) if row.field not in unsaid]
-    for row, value in sorted(rows, key=lambda each: dims_of(each[0], axes) != [each[0].name]):
+    for row, value in sorted(rows, key=lambda each: dims_of(each[0].dims, axes) != [each[0].name]):
         if row.kind != "text" or row.name not in group.variables:  # averagings stand there once
             write_row(group, row, value, axes)
     for each in dataclasses.fields(record):
@@ -140,7 +140,7 @@ def write_row(group: h5netcdf.Group, row: Variable, value: Any, axes: Axes | Non
         axes: dimensions that stand behind one name of ``Variable.dims``.
         storage: of ``h5netcdf.Group.create_variable``, as ``compression``.
     """
-    dims, values = dims_of(row, axes), np.array(value, dtype=object) if row.kind == "text" else plain(value)
+    dims, values = dims_of(row.dims, axes), np.array(value, dtype=object) if row.kind == "text" else plain(value)
     if dims[-1:] == ["time"]:
         dims, values = ["time", *dims[:-1]], np.moveaxis(values, -1, 0)
     values = values if dims else values.reshape(()).astype(np.result_type(values, np.float64))
@@ -179,9 +179,9 @@ def _write_references(group: h5netcdf.Group, reference: Mapping[str, complex]) -
         write_row(group, row, complex(value))
 
 
-def dims_of(row: Variable, axes: Axes | None) -> list[str]:
-    """Dimensions of a variable in its file."""
-    return [dim for name in row.dims for dim in (axes or {}).get(name, (name,))]
+def dims_of(names: Sequence[str], axes: Axes | None) -> list[str]:
+    """Dimensions in a file that those of a ``Variable`` stand for."""
+    return [dim for name in names for dim in (axes or {}).get(name, (name,))]
 
 
 def plain(value: Any) -> np.ndarray:
