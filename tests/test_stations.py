@@ -14,6 +14,7 @@ import torchliner as tl
 from torchliner.bursts import line as bursts_module
 from torchliner.bursts.averages import monte_carlo, segment_admittances, station_intervals
 from torchliner.cli.main import main
+from torchliner.io.burst_sources import LineParts
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -435,6 +436,16 @@ def test_a_broken_run_goes_on_where_it_stopped(folder, known, tmp_path, monkeypa
     assert seen == ["s2"]
     assert torch.equal(tl.read_line(out).reflection, known.reflection)
     assert not (tmp_path / "line.h5.parts").exists()
+
+
+def test_a_run_deletes_its_own_parts_alone(known, tmp_path):
+    """Those of a run with other choices, which was interrupted, still wait for it."""
+    own, other = LineParts(tmp_path), LineParts(tmp_path)
+    own.keep("a", known)
+    other.keep("b", known)
+    assert own.load("c") is None
+    own.clear()
+    assert [path.name for path in tmp_path.iterdir()] == ["b.h5"]
 
 
 def test_parts_of_other_data_or_choices_are_not_taken_up(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -192,6 +192,7 @@ class LineParts:
     when the first of them is written."""
 
     folder: Path
+    mine: list[Path] = field(default_factory=list, init=False)  # of this run
 
     @property
     def there(self) -> int:
@@ -201,7 +202,7 @@ class LineParts:
     def load(self, key: str) -> ImpedanceLine | None:
         """The station of a key; None where it is not there, or a file is damaged or not the part that its name says."""
         with contextlib.suppress(ValueError, OSError):
-            line = read_line(self.folder / f"{key}.h5")
+            line = read_line(self._path(key))
             if line.stations == 1 and line.choices.get("part") == key:
                 return line
         return None
@@ -210,12 +211,17 @@ class LineParts:
         """Write a finished station."""
         self.folder.mkdir(exist_ok=True)
         line = replace(line, choices={**line.choices, "part": key})
-        write_record(line, self.folder / f"{key}.h5")
+        write_record(line, self._path(key))
         return line
 
     def clear(self) -> None:
-        """Delete the parts, and the folder if nothing else is in it."""
-        for path in self.folder.glob("*.h5"):
+        """Delete the parts of this run, and the folder if nothing else is in it."""
+        for path in self.mine:
             path.unlink(missing_ok=True)
         with contextlib.suppress(OSError):  # not empty, not there, a link
             self.folder.rmdir()
+
+    def _path(self, key: str) -> Path:
+        path = self.folder / f"{key}.h5"
+        self.mine.append(path)
+        return path
