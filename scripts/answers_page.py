@@ -8,8 +8,6 @@ numbers into docs/figures; with another folder, there alone. ``--check`` only fi
 incoherent velocity against the velocity ratio again, and fails where the package states another.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import sys

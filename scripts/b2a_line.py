@@ -8,8 +8,6 @@ measured if the assumptions below held (``assumptions``: they stand on every fig
 these assumptions contain; it is no measurement.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 import tempfile

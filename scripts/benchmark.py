@@ -7,8 +7,6 @@ what counts. The quick plane has 1712 probes x 2280 samples (200 kHz, 11.4 ms, f
 50 probes, files up to 16 GB, lines of 120 stations and the large sparse matrix.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -10,8 +10,6 @@ Environment variables:
                           builds, as the install page of PyTorch shows it for your platform
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

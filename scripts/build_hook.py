@@ -5,8 +5,6 @@
 Without that variable, and for editable installs, the wheel stays py3-none-any and the moments are built at first use.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import shlex

@@ -6,8 +6,6 @@ Offset and contraction coefficient are fitted to the reference impedances of n11
 g03_145; the offset of the orifice is fitted to o115 and predicts o145: at the highest plane, in all averagings.
 """
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ reactance counts with the error of the model); the linear part is that of each p
 lattice. Then every case is predicted in every averaging at every height.
 """
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Sequence

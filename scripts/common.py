@@ -1,7 +1,5 @@
 """What the scripts share: where things lie, the arguments of a study, tables of pages, the shipped planes."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import re

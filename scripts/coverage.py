@@ -19,8 +19,6 @@ intervals are those of draws. R and X at the three frequencies count apart: the 
 with 200 lines.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """The eleven shipped cases whose impedance is known, educed at 0.5 mm: a row each and one sentence (`make demo`)."""
 
-from __future__ import annotations
-
 import torchliner as tl
 from common import options_of, parser_of, plane_files
 

@@ -8,8 +8,6 @@ ASSUMED (the paper gives its values as a picture), and with a resistance a quart
 as one impedance per height of the measuring plane would be. No measured pressures are public.
 """
 
-from __future__ import annotations
-
 import csv
 import sys
 from collections.abc import Sequence

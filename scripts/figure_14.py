@@ -9,8 +9,6 @@ the paper, and by a fit of the equations. B2A has the paper's local impedances; 
 from them.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -7,8 +7,6 @@ admittance is that of Z = 0.8), 150 mm in a duct of 50 mm without flow, 1500 Hz;
 a homogeneous wall of Z = 0.8. Z(y) is 1 over the mean along x of the local admittance -rho c v/p.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Sequence

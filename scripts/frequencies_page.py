@@ -3,8 +3,6 @@
 python scripts/frequencies_page.py [-o docs/figures]
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -6,8 +6,6 @@ Curves and parameters fitted to the reference impedances at 0.5 mm, 1400 Hz, pha
 predicted as by a fit to the others.
 """
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Sequence

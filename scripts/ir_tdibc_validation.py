@@ -6,8 +6,6 @@ The incident wave of each case, at the level its planes state, drives the model 
 nothing else of the case is used.
 """
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Sequence

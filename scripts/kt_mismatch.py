@@ -8,8 +8,6 @@ as the paper does. What differs between the two sides is the method's own: figur
 known impedance, then over flow, liner length, rank, order, noise, end reflection and Z varying along x.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import sys

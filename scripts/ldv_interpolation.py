@@ -12,8 +12,6 @@ given D = B + F, of density lambda^2 D e^(-lambda D), the mean over B of [F e^(-
 2 (1 - cos(omega D))/(omega D)^2; over D, by Frullani's integral, ln(1 + x^2)/x^2.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import sys

@@ -3,8 +3,6 @@
 python scripts/make_docs_figures.py
 """
 
-from __future__ import annotations
-
 import warnings
 
 import b2a_line

@@ -3,8 +3,6 @@
 ``python scripts/make_stub.py`` after a public name or a choice of an eduction has changed.
 """
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import inspect

@@ -8,8 +8,6 @@ cases that it was not fitted to. Printed besides: fits to parts of the cases, ot
 wave alone gives.
 """
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ It is not part of this repository. Spacing of the ten microphones over the liner
 it: the wavenumbers need the spacing alone, the impedances both.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import sys

@@ -9,8 +9,6 @@ makes; the impedances that come of it are the wall of the linearised Euler equat
 the sound: a fixed point. From the one world so found every method is given what it would measure.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Sequence

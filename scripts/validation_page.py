@@ -7,8 +7,6 @@ Rows and pictures go to docs/figures, the tables into docs/validation.md, and th
 computing them again, which takes minutes.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import sys

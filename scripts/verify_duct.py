@@ -8,8 +8,6 @@ The error of p should fall with the element size to the power p + 1. Then the wa
 walls against 40 matched modes.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import sys

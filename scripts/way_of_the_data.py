@@ -3,8 +3,6 @@
 python scripts/way_of_the_data.py [FILE]
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -9,8 +9,6 @@ numpy and tomllib alone) either says what they are now or fails. So each answer 
   answer to the table written anew from what the strict reading found. Of HDF5 no mutation here changes the data.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -4,8 +4,6 @@
 refuses only what must be read back. Under this mode both are errors, and launches and copies to the device are counted.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The canonical plane of the contract of formats, and one function for each way to write it into files."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The floors: a file imports only from floors below; rooms on one floor do not know each other."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import subprocess

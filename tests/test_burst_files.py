@@ -1,7 +1,5 @@
 """Files of bursts: DXEX exports, columns, CSV, HDF5, folders, and what is wrong with them."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import h5py

@@ -1,7 +1,5 @@
 """torchliner run: what is done, done again, taken up again, and refused."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

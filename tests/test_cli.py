@@ -1,7 +1,5 @@
 """The commands as a user meets them: one contract for all, then what each prints, writes and draws."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

@@ -1,7 +1,5 @@
 """The worked examples of CONTRIBUTING.md: what it adds as printed is used as a user would."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

@@ -1,7 +1,5 @@
 """The same numbers on a GPU; skipped where there is none (``test_one_device.py`` proves the path without one)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Records that go on, against one reading of all of them; torchliner follow: planes that are being written."""
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import json

@@ -4,8 +4,6 @@
 every run.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

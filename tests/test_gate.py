@@ -1,7 +1,5 @@
 """Nothing of the user's is lost, what cannot be written is refused before the work, and faults are told in one line."""
 
-from __future__ import annotations
-
 import os
 import stat
 import subprocess

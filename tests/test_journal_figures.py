@@ -1,7 +1,5 @@
 """What a journal takes: widths, letters, signs, fonts as text, colours to compare, captions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conftest import plane_of, turbulence

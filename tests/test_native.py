@@ -1,7 +1,5 @@
 """The compiled moments: the numbers of their definition in torch, whatever the layout; built safely, or not at all."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The complete eduction on ``meta`` tensors: no operation on two devices, nothing read back before Z, few launches."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """What a result holds of where it comes from, and what a page makes of it."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

@@ -1,7 +1,5 @@
 """Files of our own records, one contract for all: back to the bit, open to others, damage refused with its place."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

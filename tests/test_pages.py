@@ -1,7 +1,5 @@
 """README, pages and recipes: examples and commands run, shipped data are whole, links lead somewhere."""
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import doctest

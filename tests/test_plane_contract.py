@@ -1,8 +1,6 @@
 """One contract for all formats: the canonical plane in is the plane out, lazy as at once, whatever the order, the units
 and the signs; and what each format refuses."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import shutil

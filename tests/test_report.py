@@ -1,7 +1,5 @@
 """Answers of results; numbers behind the figures; that the drawings carry axes and units."""
 
-from __future__ import annotations
-
 import matplotlib
 import numpy as np
 import pytest

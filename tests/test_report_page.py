@@ -1,7 +1,5 @@
 """Results as one HTML page: what stands on it, that nothing escapes, that bad input is refused."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import dataclasses

@@ -1,7 +1,5 @@
 """Results leave the program: labelled arrays, rows, and a file for each ending."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import warnings

@@ -1,7 +1,5 @@
 """The simulated duct in which all methods are compared, and the figures with a known truth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from conftest import load_script

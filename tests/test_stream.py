@@ -1,7 +1,5 @@
 """Planes read slab by slab: any layout, and what goes wrong on the way."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -1,7 +1,5 @@
 """The Triton kernel of the sums, without a GPU: in Triton's interpreter, and compiled for an H100."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The validation page: laws of reach, hole velocity and phase-locked power; its numbers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

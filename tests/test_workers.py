@@ -1,7 +1,5 @@
 """Blocks shared out: to workers that end, that lack files, formats or versions; in steps that are kept."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

@@ -1,7 +1,5 @@
 """torchliner: acoustic liner impedance from time-resolved velocity data (DIR-TDIBC)."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -1,15 +1,12 @@
 """Input checks whose messages name the value, the limit and the remedy."""
 
-from __future__ import annotations
-
 import math
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import fields
-from functools import partial
-from typing import Any
+from functools import cache, partial
+from typing import Any, get_type_hints
 
 import numpy as np
 import torch
@@ -66,13 +63,20 @@ def _plain(kinds: tuple[type, ...], needed: str, name: str, value: Any) -> Any:
 one_number: Callable[[str, Any], float] = partial(_plain, (int, float), "one number")
 whole_number: Callable[[str, Any], int] = partial(_plain, (int,), "a whole number")
 _complex = partial(_plain, (int, float, complex), "one number, complex or real,")
-_BY_ANNOTATION: dict[str, Callable[[str, Any], Any]] = {
-    "float": one_number,
-    "int": whole_number,
-    "bool": partial(_plain, (bool,), "True or False"),
-    "complex | Tensor": _complex,
-    "Mapping[str, complex]": lambda name, values: {k: _complex(f"{name}[{k!r}]", v) for k, v in dict(values).items()},
+_READERS: dict[Any, Callable[[str, Any], Any]] = {
+    float: one_number,
+    int: whole_number,
+    bool: partial(_plain, (bool,), "True or False"),
+    complex | Tensor: _complex,
+    Mapping[str, complex]: lambda name, values: {k: _complex(f"{name}[{k!r}]", v) for k, v in dict(values).items()},
 }
+_OPTIONAL = {kind | None: read for kind, read in _READERS.items()}
+
+
+@cache
+def type_hints(kind: Any) -> dict[str, Any]:
+    """The annotations of a class, evaluated."""
+    return get_type_hints(kind)
 
 
 def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
@@ -83,12 +87,14 @@ def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
     may pass. TypeError for a field of another kind.
     """
     prefix = prefix or (f"{record.name}: " if getattr(record, "name", "") else "")
-    for each in fields(record):
-        read = _BY_ANNOTATION.get(str(each.type).removesuffix(" | None"))
-        value = getattr(record, each.name)
-        if read is None or (value is None and "None" in each.type) or (tensors and isinstance(value, Tensor)):
+    made: Any = type(record)
+    for name, kind in type_hints(made).items():
+        read = _READERS.get(kind) or _OPTIONAL.get(kind)
+        if read is None:
             continue
-        object.__setattr__(record, each.name, read(f"{prefix}{each.name}", value))
+        value = getattr(record, name)
+        if (value is not None or kind not in _OPTIONAL) and not (tensors and isinstance(value, Tensor)):
+            object.__setattr__(record, name, read(f"{prefix}{name}", value))
 
 
 def require_positive(name: str, value: Any) -> None:

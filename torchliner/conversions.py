@@ -3,8 +3,6 @@
 Convention everywhere: time factor exp(+j omega t), z = p/(rho c v) with v into the liner.
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import torch

@@ -1,7 +1,5 @@
 """Files of the user's: regular, no larger than memory, text or TOML, and every error by the name of the file."""
 
-from __future__ import annotations
-
 import csv
 import functools
 import math

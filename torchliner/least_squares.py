@@ -10,8 +10,6 @@ Where the residual :math:`\Phi(\theta) c - p` is linear in amplitudes c, these a
 :math:`(1 - QQ^H)\,\Phi' c` to the order that Kaufman (1975) keeps, which is analytic in theta where Phi is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple

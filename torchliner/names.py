@@ -4,8 +4,6 @@ With the standard library alone, so that the command line stays quick. Where a n
 table of that code is keyed by it, and a test holds the two together.
 """
 
-from __future__ import annotations
-
 import difflib
 import importlib
 import re

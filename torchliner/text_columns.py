@@ -1,7 +1,5 @@
 """Text files of numbers: lines '# key = value unit', a header of names with units, rows of cells, remarks after '#'."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress

@@ -5,8 +5,6 @@ incoherent with x. So x is the quieter signal: the pressure at the bottom of a c
 or the voltage of a loudspeaker, which hears no flow.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Units as they stand in files, to SI; phases to degrees."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """A plane in memory to its map, and a plane that streams by."""
 
-from __future__ import annotations
-
 import functools
 import os
 import platform

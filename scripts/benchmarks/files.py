@@ -1,7 +1,5 @@
 """Whole files to their maps: rate from cold beside a raw read, memory, workers. Linux."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import tempfile

@@ -1,7 +1,5 @@
 """How work is timed, in this process or one of its own, and how a row is printed."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

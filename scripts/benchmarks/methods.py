@@ -1,7 +1,5 @@
 """Studies, laser Doppler lines and the duct: each beside the same work done piece by piece."""
 
-from __future__ import annotations
-
 import functools
 import tempfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The same discrete equations as one sparse matrix: what the sweeps are held to, and slow."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any

@@ -13,8 +13,6 @@ and alike at the other end. Eliminating b and t leaves two systems, for c + d an
 [(1 + P Q) +- (1 - P Q) E] (c +- d) = 2 P a.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

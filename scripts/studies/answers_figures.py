@@ -1,7 +1,5 @@
 """Pictures of the answers: educed against reference, and the rms that acts against height."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

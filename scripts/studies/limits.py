@@ -5,8 +5,6 @@ With w = 1/(Z + 1) the reflection is R = 1 - 2 w. With the phase averaged the ed
 weights that are not negative, so the educed w lies in the convex hull of the curve w(|v|), whatever the velocity does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

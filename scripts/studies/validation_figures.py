@@ -1,7 +1,5 @@
 """The pictures of the validation page: errors of every rule, and what the model can reach."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path

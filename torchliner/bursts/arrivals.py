@@ -11,8 +11,6 @@ arrivals of a record: :math:`v = A e^{j\omega t} + A^* e^{-j\omega t}` has, on t
 conjugate. G is the attenuation; H, which has no mean over arrivals, lets :math:`\hat A` depend on the phase.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any

@@ -15,8 +15,6 @@ ones. V of the line is a mean of phasors, for which the stations need a common r
 along a line has the mean size of V, which needs no clock, and several stations at normal incidence are not compared.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

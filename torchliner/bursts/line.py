@@ -1,7 +1,5 @@
 """DIR-TDIBC along a line of laser Doppler stations: one call, which takes up where it was broken off."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence

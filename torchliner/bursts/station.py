@@ -6,8 +6,6 @@ reflected signal, which is the paper's, the line at f of the reply to e^{j omega
 whole period weighs alike it is the plain mean.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import asdict, dataclass, field

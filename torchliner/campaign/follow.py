@@ -4,8 +4,6 @@ Sums are kept of whole periods; samples beyond the last whole one wait in memory
 known at the end of a record only, so that ``phase-locked`` averaging is not to be had before.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,7 +1,5 @@
 """The index of a campaign, a row a unit and frequency as CSV, and the page that is made of it."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Mapping, Sequence

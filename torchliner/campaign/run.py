@@ -4,8 +4,6 @@ A unit is a plane with a liner and choices. It is done when its rows are there w
 on. Moments, which units may share, have such a hash in their name; what a killed run has summed of them stays beside.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import hashlib

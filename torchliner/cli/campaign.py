@@ -1,7 +1,5 @@
 """Commands for many planes, and for those that grow: run, follow, report."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

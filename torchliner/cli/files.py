@@ -1,7 +1,5 @@
 """Commands for files of planes: demo, info, convert, reduce."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 from dataclasses import replace

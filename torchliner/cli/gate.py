@@ -3,8 +3,6 @@
 What is written later is held against the inputs once more, by ``io.whole_file``.
 """
 
-from __future__ import annotations
-
 import argparse
 import glob
 import os

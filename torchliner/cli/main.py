@@ -1,7 +1,5 @@
 """``torchliner``: parse, call, print. Heavy imports wait inside the commands."""
 
-from __future__ import annotations
-
 import sys
 
 try:

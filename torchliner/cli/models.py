@@ -1,7 +1,5 @@
 """Commands on pressures, models of liners and ducts: insitu, kt, liner, duct solve, duct modes, ir-tdibc, export."""
 
-from __future__ import annotations
-
 import argparse
 from contextlib import suppress
 from dataclasses import replace

@@ -4,8 +4,6 @@ Most options are parameters of public functions, whose signatures and docstrings
 imported, so that ``--help`` needs no torch.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import cmath

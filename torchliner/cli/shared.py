@@ -1,7 +1,5 @@
 """Options that several commands share, by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from torchliner import names

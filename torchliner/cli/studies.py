@@ -1,7 +1,5 @@
 """Commands that vary a choice, a height, a model or its parameters, or fit these."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """All commands: the function of each, the options that it shares with others, and its own."""
 
-from __future__ import annotations
-
 from torchliner import names
 from torchliner.cli.options import COMPLEX, COUNT, FILE, FOLDER, NAME, NUMBER, PICTURE, TEXT, Command, Kind, Of, Option
 from torchliner.cli.shared import SHARED, choices, fact, frequency, output

@@ -1,7 +1,5 @@
 """Commands that educe an impedance from velocity: educe, replay, ldv info, ldv convert, ldv educe."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

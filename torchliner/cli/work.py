@@ -1,7 +1,5 @@
 """What commands share: what they read, and what they do with what they found."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import math

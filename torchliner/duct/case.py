@@ -1,7 +1,5 @@
 """A straight duct with a liner on one wall: what is to be solved, and its wall as a reflection."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -14,8 +14,6 @@ bottom (p + v)/2 and through its top (p - v)/2, and gives out the same through t
 wave that arrives comes back as it is; a lined wall stays open as a third port, so that all impedances share a column.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
 """The sound field of a solved duct: read on walls, inside and at the ends."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple

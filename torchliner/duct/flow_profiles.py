@@ -1,7 +1,5 @@
 """Mean flows along +x between the walls y = 0 and y = H: plug, parabola, tanh layers, tables."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Rectangular elements of a duct: columns along x that meet the liner's edges, rows across it."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

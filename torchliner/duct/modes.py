@@ -15,8 +15,6 @@ Mode n is the rigid mode n of the bulk flow, in closed form, followed twice: whi
 the wall's reflection goes straight from 1 to R. So the continuous spectrum Re alpha > k/M_max is never touched.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -7,8 +7,6 @@ neighbour: F' may change over it by 0.3, and the Newton-Kantorovich number |F F'
 most 0.05. Where two roots meet, F' = 0, the steps shrink to nothing and the root stalls, unless they meet at t = 1.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Lined ducts from TOML files: the two facilities of the package and the user's own."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -9,8 +9,6 @@ panels cut fine for its critical layer. A root counts if finer panels have it to
 within 1e-4; that of the fastest growth is kept.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -19,8 +19,6 @@ out, a, the amplitude c = (w.a)/(w.a_m), w the mean of p +- u, comes back as b =
 (nothing coming in would reflect 1e-3 of it in a sheared flow), and r times as much of the mode the other way.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

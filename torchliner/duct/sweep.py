@@ -11,8 +11,6 @@ one column for each unit wave, in the order of X = (s_L, c_L, x, s_R, c_R): the 
 (downstream s, upstream c: its part along the flow), the waves from the lined wall, the modes into the right end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -16,8 +16,6 @@ reactance are the extremes of Z on that ellipse, Student's quantile times as lar
 (R = 1, a rigid wall) the record does not bound Z and the bounds are infinite, as Fieller's theorem says of any ratio.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

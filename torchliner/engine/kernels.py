@@ -8,8 +8,6 @@ filter of this length cannot come near its error: 1e-3 already costs gains of 50
 amplify any noise there.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Its first axis is the block. Moments of several workers or files, or of a record
 blocks one after another.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The library lies in a folder that only the user can write, beside its own checks
 and never loaded. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses it, ``native`` insists on it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

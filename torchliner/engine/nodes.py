@@ -9,8 +9,6 @@ has to be known beforehand. The term |v|^2.5 of eq. (2.4) at rest bounds the con
 whose R has a kink at each of their speeds: cubics between levels that no kink parts.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ interpolated, laid into rows that begin one sample later each, and multiplied by
 at multiples of ``BATCH`` of the record, so y does not depend on how it is cut.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

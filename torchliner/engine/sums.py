@@ -5,8 +5,6 @@ other by turning in a loop, on processors that others could use: with small tens
 take many times longer than one.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -4,8 +4,6 @@ finished stations of a line on disk, so that a run that was broken off can go on
 Our HDF5 is a record, or several in groups ``station_0``, ``station_1`` ... (docs/ldv.md).
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -5,8 +5,6 @@ the time of day, 4 the position, 5 a label, 6 the quoted names of the columns; b
 second channel with arrival times of its own (non-coincidence) has columns AT{2}, TT{2}, LDA2{2}, padded with blanks.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Clocks from time stamps: uniform, and what a stated rate makes of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from torchliner.checks import require_positive, tell

@@ -1,7 +1,5 @@
 """Results as rows of a table: one a place and frequency, with all that stands along them."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tones of microphones under flow, by a reference channel that hears no flow."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch

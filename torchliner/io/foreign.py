@@ -4,8 +4,6 @@ All are read by slabs where they lie, as they are stored. MATLAB files may hold 
 coordinates of the axes x, y and z.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """HDF5 as it is opened and read: no value that was never written, and numbers as the CF conventions pack them."""
 
-from __future__ import annotations
-
 import math
 import os
 import re

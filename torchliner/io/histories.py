@@ -5,8 +5,6 @@ Points stand in lines of the heading, one for each coordinate, or in a list of t
 the decimal mark may be a comma.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re

@@ -11,8 +11,6 @@ Around a liner: the facesheet's pressure is (time, z, x), (time, x) or (time, pr
 And recorded incident signals: WAV, or a plain array whose rate the user states.
 """
 
-from __future__ import annotations
-
 import struct
 import warnings
 from pathlib import Path

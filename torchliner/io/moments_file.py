@@ -1,7 +1,5 @@
 """The record of moments as netCDF-4: all that an eduction takes, to the last bit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,6 @@
 """OpenFOAM's probes (`# Probe i (x y z)`, rows `time (u v w) ...`, one file a restart) and sampled surfaces: a folder
 for each time, in it files of VTK or raw."""
 
-from __future__ import annotations
-
 import math
 import re
 from contextlib import suppress

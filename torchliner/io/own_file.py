@@ -1,7 +1,5 @@
 """Records of our own files, and of files of others that follow their layout, read back."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import typing
@@ -15,7 +13,7 @@ import torch
 from pydantic import TypeAdapter, ValidationError, create_model
 
 from torchliner import records
-from torchliner.checks import frequency_tensor
+from torchliner.checks import frequency_tensor, type_hints
 from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
 from torchliner.io.clocks import read_times
@@ -132,7 +130,7 @@ def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any
         known: fields that are not read.
         part: how it stands within another.
     """
-    found, hints = dict(known), _hints(kind)
+    found, hints = dict(known), type_hints(kind)
     for row in (row for row in variables_of(kind) if row.field not in known):
         own = part.row(row)
         if not row.optional or any(_has(group, name, path) for name in own.names):
@@ -148,7 +146,7 @@ def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any
         elif hint is Fluid:
             gas = [Variable(name, unit) for name, unit in FLUID_UNITS.items() if is_there(group, name, path)]
             value = Fluid(**{row.field: read_row(group, row, path) for row in gas})
-        elif each.type == REFERENCES:
+        elif hint == REFERENCES:
             value = references_of(
                 {f"/{key}": get_field(group, key, path) for key in group if key.startswith("reference_")}
             )
@@ -165,11 +163,6 @@ def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any
         low = part.row(variables_of(kind)[0]).names[0]
         raise ValueError(f"{path}:{group.name.rstrip('/')}/{low} or its other part is above the upper bound")
     return made
-
-
-@functools.cache
-def _hints(kind: type) -> dict[str, Any]:
-    return typing.get_type_hints(kind)
 
 
 def _class_of(hint: Any) -> Any:
@@ -195,7 +188,7 @@ def _take_part(group: h5py.Group, name: str, hint: Any, path: str | Path, part: 
         return {key: take(group, kind, path, {}, at) for key, at in places.items() if _there(group, kind, at, path)}
     if not _there(group, kind, part, path):
         return None
-    hints: dict[str, Any] = {key: (_hints(kind)[key], ...) for key in facts_of(kind)}
+    hints: dict[str, Any] = {key: (type_hints(kind)[key], ...) for key in facts_of(kind)}
     said = read_attribute(group, name, create_model(name, **hints), path) if hints else {}
     if said is None:
         raise ValueError(f"{path} lacks the attribute {name!r}: it is damaged")
@@ -206,7 +199,7 @@ def _there(group: h5py.Group, kind: Any, part: Part, path: str | Path) -> bool:
     """Whether anything of a record is there."""
     rows = (part.row(row) for row in variables_of(kind) if row.kind != "text")
     return any(_has(group, name, path) for row in rows for name in row.names) or any(
-        _there(group, _class_of(_hints(kind)[name]), part.part(own), path) for name, own in parts_of(kind).items()
+        _there(group, _class_of(type_hints(kind)[name]), part.part(own), path) for name, own in parts_of(kind).items()
     )
 
 

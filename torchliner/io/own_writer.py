@@ -4,8 +4,6 @@ A record is a netCDF-4 file, or a group of one; several stand in groups beside e
 full disk HDF5 itself crashes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import json
@@ -20,6 +18,7 @@ import h5py
 import numpy as np
 from torch import Tensor
 
+from torchliner.checks import type_hints
 from torchliner.fluid import Fluid
 from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.names import RESULT_WRITERS, resolve
@@ -42,7 +41,7 @@ FLUID_UNITS = {
     "heat_capacity_ratio": "1",
     "prandtl": "1",
 }
-REFERENCES = "Mapping[str, complex]"  # a field of this type is of impedances by name
+REFERENCES = Mapping[str, complex]  # a field of this type is of impedances by name
 Axes = Mapping[str, Sequence[str]]
 
 
@@ -105,6 +104,7 @@ def fill(group: h5netcdf.Group, record: Any, unsaid: Sequence[str] = (), **more:
     for row, value in sorted(rows, key=lambda each: dims_of(each[0].dims, axes) != [each[0].name]):
         if row.kind != "text" or row.name not in group.variables:  # averagings stand there once
             write_row(group, row, value, axes)
+    hints = type_hints(record.__class__)
     for each in dataclasses.fields(record):
         value = getattr(record, each.name)
         if each.name in unsaid or "variable" in each.metadata or not each.init:
@@ -120,7 +120,7 @@ def fill(group: h5netcdf.Group, record: Any, unsaid: Sequence[str] = (), **more:
         elif isinstance(value, Fluid):
             for name, unit in FLUID_UNITS.items():
                 write_row(group, Variable(name, unit), getattr(value, name))
-        elif each.type == REFERENCES:
+        elif hints[each.name] == REFERENCES:
             _write_references(group, value)
         else:
             set_texts(group, **{each.name: value})

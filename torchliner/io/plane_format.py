@@ -1,7 +1,5 @@
 """What a format of velocity planes offers, and velocity that stays in its files."""
 
-from __future__ import annotations
-
 import math
 import re
 import tempfile

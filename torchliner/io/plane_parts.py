@@ -1,7 +1,5 @@
 """Planes from several files, and parts of planes: restarts of one run joined in time, a stretch of time, a region."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

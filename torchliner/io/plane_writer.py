@@ -1,8 +1,6 @@
 """Signals to files, slab by slab: a plane, read once and written once; the reflected signal of every probe as it is
 formed (docs/formats.md)."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Planes from files of any format: recognised by content, joined in time, cut to a part, loaded."""
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Iterable, Sequence

@@ -6,8 +6,6 @@ A frame is the mean over the steps start_time .. end_time and stands at their mi
 frequency f is attenuated by sinc(f Tw), Tw the length of the mean.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from contextlib import suppress

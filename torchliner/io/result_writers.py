@@ -1,8 +1,6 @@
 """Results for other programs: MATLAB; ParaView and pyvista; solvers that read columns of text, or poles and
 residues."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path

@@ -6,8 +6,6 @@ Dimensions are (time, z, x), (time, x) or (time, probe), in any order. Numbers b
 or attributes with CF units (docs/formats.md).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from contextlib import suppress

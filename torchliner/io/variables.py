@@ -1,8 +1,6 @@
 """Variables of files and datasets, whether h5py, numpy or xarray holds them: values in SI units, coordinates, and
 the velocity that stays where it lies."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping

@@ -1,8 +1,6 @@
 """Series of frames that VTK reads, through pyvista: collections (.pvd, .vtp.series), EnSight and VTKHDF, which state
 times; numbered files, or their folder."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from contextlib import suppress

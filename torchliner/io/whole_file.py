@@ -1,7 +1,5 @@
 """Files that are whole or not there, folders for one run at a time, and what is refused as an output."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

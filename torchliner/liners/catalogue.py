@@ -1,7 +1,5 @@
 """Liners from files: the presets of the package and the user's own TOML, CSV and Python files."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import json

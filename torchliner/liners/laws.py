@@ -4,8 +4,6 @@ F is that of ``plates.tube_impedance``, C_D a discharge coefficient, M a Mach nu
 Articles that could not be opened are named as such, with the text that their formula was read in.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar

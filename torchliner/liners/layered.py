@@ -9,8 +9,6 @@ Pressure p and velocity v, averaged over the cell and normalised, on both sides 
 with the g = j k_c of eq. (2.2d), depth h and share phi of the cell. On the backplate v' = 0.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import Counter

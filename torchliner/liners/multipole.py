@@ -9,8 +9,6 @@ at every frequency passive. In time each pole is one number that is carried on f
 :math:`y = (1 - R)/(1 + R)` of such an R has as many poles, which follow from it without another fit.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from dataclasses import dataclass, field

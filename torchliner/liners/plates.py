@@ -5,8 +5,6 @@ a jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, the slope at a steady v i
 tone of rms |v| is 8 sqrt(2)/(3 pi) = 1.2004 of it, Melling's "1.2" (4/(3 pi) of the peak velocity).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ p = 2 lies between their sum and the larger of the two (docs/mass_loss.md). The 
 largest loss is half as large for a slit; resistance is that of eq. (2.4a).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar, Self
 

@@ -1,7 +1,5 @@
 """A liner known from a table: Z over frequency, or over frequency and |v|."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -10,8 +10,6 @@ Two orders of averaging: the admittance over points, v_in <1/p_f>, is the paper'
 back knows v_in/<p_f>, exact for normal incidence. The ratio of the two Z is <p_f><1/p_f>.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -13,8 +13,6 @@ it is what the case says, and a reflection of 0.05 that the case does not know o
 microphones.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Sequence

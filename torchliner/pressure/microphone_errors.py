@@ -7,8 +7,6 @@ right models has, the assumed errors are multiplied by the ratio, known from
 a ratio of its own, as Student's interval has it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ Two microphones s apart determine A and B unless sin((k+ + k-) s/2) = 0. Along t
 smaller y, at c (1 - M), is the one that runs upstream.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ W_s it is :math:`A - c_s/(1 - W_s)`, which the jackknife of ``engine.intervals``
 the blocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -7,8 +7,6 @@ alpha- follows: with (r, s) the two parts of the relation at alpha+, (R, S) thos
 :math:`d\alpha_-/d\alpha_+ = -(s'R - r'S)/(sR' - rS')`. The start is the best of a grid of impedances.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 from typing import Any

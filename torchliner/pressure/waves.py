@@ -13,8 +13,6 @@ that run with the source the one with most energy is the wave whose impedance is
 higher waves fold into it (``docs/wall_pressure.md``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,8 +1,6 @@
 """What is stated of a measurement or a result beside its numbers, what records of signals at probes share, and whether
 several records belong to one case."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Impedance out of stations that were measured one after another: a line of laser Doppler data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import KW_ONLY
 from typing import Any, ClassVar

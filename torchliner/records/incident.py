@@ -4,8 +4,6 @@ A new kind is a class with ``sampled`` like these; ``edge`` says what it is outs
 ``periodic``: velocity and wave repeat), and ``window`` suits its analysis.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar

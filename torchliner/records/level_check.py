@@ -1,7 +1,5 @@
 """Level check: the pressure that velocity and impedance imply, against one that is known."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Warnings as objects, and those about units: metres like mm, Hz like kHz, levels like pascals, phases like radians."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ The fingerprint is the SHA-256 of a file up to 32 MiB. Of a larger one, of a fol
 of names, sizes and 32 blocks of 1 MiB: another simulation changes every block, an edit between them goes unseen.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

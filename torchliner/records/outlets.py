@@ -4,8 +4,6 @@ Readers and figures know the records, so the records cannot know them: their hom
 when they are called.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path

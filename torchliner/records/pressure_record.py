@@ -1,7 +1,5 @@
 """Pressure in: on the facesheet, at the cavity bottom, along a line of microphones."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import KW_ONLY
 from typing import Any, ClassVar

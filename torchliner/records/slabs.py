@@ -1,7 +1,5 @@
 """How a record is cut along time, so that no pass over it holds much at once."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol

@@ -3,8 +3,6 @@
 A kind of result is a function from the result to an ``Answer``; ``answer_of`` knows all of them.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

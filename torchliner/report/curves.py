@@ -1,7 +1,5 @@
 """Results along x and over frequency: their numbers as rows, and the pictures of these."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Pictures along walls: levels, phases and fields of sound in ducts; impedances of microphones and of stations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ Nearly every figure is resistance and reactance beside each other over one varia
 ``curve_of`` makes of rows. Fonts, ticks and sizes stand in ``style.mplstyle``.
 """
 
-from __future__ import annotations
-
 import functools
 import io
 import math

@@ -1,7 +1,5 @@
 """Contents and usability of a plane: the facts behind ``torchliner info``."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

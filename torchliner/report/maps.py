@@ -1,7 +1,5 @@
 """Maps over (x, z): colours of resistance and reactance, holes and cells of the liner; what runs are called."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The answers of impedances educed from microphones, of solved ducts and of their modes."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The answers of lines of stations, of their bursts, of points, and of all that a pressure record has signals for."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """The answer of impedance maps, one or several that belong together; the pictures of a run in one folder."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """The answers of studies: audit, comparison, models, sensitivities, heights, levels, fits, validation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """One self-contained HTML page of any answer, by Jinja2."""
 
-from __future__ import annotations
-
 import base64
 import io
 import shlex

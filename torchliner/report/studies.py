@@ -1,7 +1,5 @@
 """Pictures of studies: what choices, models, parameters, heights and levels do to Z."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path

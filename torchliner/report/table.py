@@ -1,7 +1,5 @@
 """One table for every outlet: text, page, CSV and JSON. How a quantity is shown stands in ``QUANTITIES``, once."""
 
-from __future__ import annotations
-
 import cmath
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

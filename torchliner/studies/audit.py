@@ -3,8 +3,6 @@
 Each factor is a function that makes variants of the base, or says why there is none.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence

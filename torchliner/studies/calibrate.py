@@ -4,8 +4,6 @@
 predicts the runs that it has not seen.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

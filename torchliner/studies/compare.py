@@ -1,7 +1,5 @@
 """Comparisons: two maps of the same cells, and several models of a liner on one plane."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import math

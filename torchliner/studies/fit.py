@@ -1,7 +1,5 @@
 """A fit of a law to runs: the values, how sure they are, what they predict, and what is doubtful."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

@@ -1,7 +1,5 @@
 """Which height? Z against height, what else speaks of a height, and the lowest that each averaging can be taken at."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Sequence

@@ -12,8 +12,6 @@ q = 0 is that shape and equal q the same shape times a factor. The logarithm of 
 random over |v|, with the standard deviation ``freedom`` from rest to the last knot.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -5,8 +5,6 @@ probe, or a cell), v_k the speeds of the nodes. The weights W follow from the mo
 frequency: a fit, its exact Jacobian and thousands of draws cost no further reading.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """Where the impedance is known: every rule beside it, and the shipped case that is nearest to a map."""
 
-from __future__ import annotations
-
 import csv
 import functools
 import itertools

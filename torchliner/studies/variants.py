@@ -4,8 +4,6 @@ Moments of |v| serve every liner, frequency and phase rule, half of the record a
 |v|, which are another drive, mean or averaging length, share one more reading.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """From moments and choices to the map that the user gets."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any

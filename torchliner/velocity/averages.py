@@ -9,8 +9,6 @@ All of it is computed from all blocks and without each block in turn, along one 
 that the intervals of probes, cells and liner come from the same lines of code as their values. It stays on the device.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable

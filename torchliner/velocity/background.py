@@ -4,8 +4,6 @@ Sound over a flow makes jets, whose vortices pass the plane as if they were turb
 turbulence that is there without the sound (docs/background.md).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Every choice of an eduction in one validated place."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import dataclass
 from typing import Any, Self

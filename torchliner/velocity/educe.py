@@ -1,7 +1,5 @@
 """DIR-TDIBC: impedance from wall-normal velocity, probe by probe, without a propagation model."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Any

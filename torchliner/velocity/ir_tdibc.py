@@ -1,7 +1,5 @@
 """IR-TDIBC: impedance over level from the incident wave alone."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Any

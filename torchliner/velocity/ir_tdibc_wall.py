@@ -10,8 +10,6 @@ In time the newest tap makes each step an equation in s = \|v\|, with m what ear
 reaches beyond it, and only one if :math:`|x| \max|dh_0/ds| < 1`. Of several the least is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple

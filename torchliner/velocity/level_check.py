@@ -11,8 +11,6 @@ beforehand: V stays as measured, the pressure is that at the wall, and V of seve
 was turned back by that wavenumber along x which makes the mean largest.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ is left out in turn and the share found again to first order, so that the interv
 velocity together; a level that is off by its stated uncertainty moves Z along the same path.
 """
 
-from __future__ import annotations
-
 import math
 
 import torch

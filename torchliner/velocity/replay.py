@@ -1,7 +1,5 @@
 """DIR-TDIBC as printed: the signal that each probe reflects is formed, and R(f) is its spectrum over the wave's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import nullcontext

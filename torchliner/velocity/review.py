@@ -1,7 +1,5 @@
 """Warnings about data, liner and answer, with numbers: refusals raise, the rest becomes notes of the map."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

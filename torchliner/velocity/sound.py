@@ -1,7 +1,5 @@
 """The sound beside the turbulence: whether a record holds the tone, how strong it is, and what that does to Z."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ How blocks are shared out depends on the size of the record alone, each block ha
 after another in order of time. So the bits are the same whoever does the work, and whoever is lost on the way.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import hashlib
