@@ -259,7 +259,7 @@ def test_of_several_minima_the_least_is_kept_each():
 
 
 def test_what_has_no_way_is_given_up():
-    """Steps that cannot be taken end in damping, not in convergence; exact places end at once."""
+    """Steps that cannot be taken end in damping, not in convergence."""
 
     class Walled(Rosenbrock):
         def move(self, place, step, index):
@@ -268,9 +268,6 @@ def test_what_has_no_way_is_given_up():
     found = least_squares(Walled(STEEP), START)
     assert found.converged.tolist() == [False, True, True, True]
     assert torch.equal(found.place[0], START[0])
-    problem = Rosenbrock(STEEP)
-    problem.exact = 1e9
-    assert torch.equal(least_squares(problem, START).place, START)
 
 
 @pytest.mark.parametrize("longest", [0.05, 0.5])

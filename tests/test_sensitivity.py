@@ -6,7 +6,6 @@ from conftest import FREQUENCY, PARAMETERS, RATE, Resistive, frozen_plane, plane
 from torch.autograd import forward_ad
 
 import torchliner as tl
-from torchliner.least_squares import dual_level
 from torchliner.units import parse_tolerance
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -177,7 +176,7 @@ def test_backward_is_forward(phase):
     found = reflection(make("vena_contracta", value), (1400, 2100), phase=phase)
     parts = torch.cat([found.real.flatten(), found.imag.flatten()])
     backward = torch.stack([torch.autograd.grad(part, value, retain_graph=True)[0] for part in parts])
-    with dual_level():
+    with forward_ad.dual_level():
         dual = forward_ad.make_dual(value.detach(), torch.ones_like(value))
         again = reflection(make("vena_contracta", dual), (1400, 2100), phase=phase)
         slope = forward_ad.unpack_dual(again).tangent

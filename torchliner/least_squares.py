@@ -1,4 +1,4 @@
-r"""Levenberg and Marquardt's method on many problems at once, and derivatives in a few numbers.
+r"""Levenberg and Marquardt's method on many problems at once.
 
 With residuals r and their Jacobian J at a place, each step solves :math:`(J^H J + \lambda D) s = -J^H r`, D the
 diagonal of :math:`J^H J`. The damping :math:`\lambda` falls tenfold where the step did not raise the cost
@@ -10,21 +10,16 @@ Where the residual :math:`\Phi(\theta) c - p` is linear in amplitudes c, these a
 :math:`(1 - QQ^H)\,\Phi' c` to the order that Kaufman (1975) keeps, which is analytic in theta where Phi is.
 """
 
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.autograd import forward_ad
-from torch.overrides import TorchFunctionMode
 
-FIRST_DAMPING, LEAST_DAMPING = 1e-3, 1e-12
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-12, 1e10  # beyond the last a problem is given up
 SMALLEST = 1e-30  # of the diagonal: an unknown that changes nothing
-PAIRS = {
-    *("add", "sub", "mul", "div", "matmul", "linalg_solve", "linalg_solve_ex"),
-    *("__radd__", "__rsub__", "__rmul__", "__rdiv__", "__rtruediv__"),
-}  # names of torch's functions of two numbers
+ROUNDING = 1e-13  # of a cost, by which a step may raise it
+SETTLED = 1e-6  # size of a step that may be left where a search ended otherwise
 
 
 class System(NamedTuple):
@@ -58,23 +53,11 @@ class Minimum(NamedTuple):
 
 
 class Problem:
-    """What is minimised: a subclass gives ``system``, and the rest where it differs.
+    """What is minimised: a subclass gives ``system``, and the rest where it differs; ``longest`` step, and the
+    ``tolerance`` of the last one."""
 
-    Attributes:
-        longest: size of a step, at most.
-        tolerance: size of a step, after which a problem is done.
-        settled: size of a step that may be left where the search ended otherwise.
-        most_damping: at which a problem is given up.
-        exact: cost from which down it is rounding and the problem is done; number or (B, ...).
-        rounding: of a cost, by which a step may raise it.
-    """
-
-    longest = torch.inf
+    longest = 0.3
     tolerance = 1e-9
-    settled = 1e-6
-    most_damping = 1e8
-    exact: Tensor | float = 0.0
-    rounding = 0.0
 
     def system(self, place: Tensor, index: Tensor) -> System:
         """The problems ``index`` of the batch at places (B, ..., P)."""
@@ -109,13 +92,8 @@ def solve_linear(columns: Tensor, target: Tensor) -> tuple[Tensor, Tensor, Tenso
 
 
 def project(columns: Tensor, slopes: Tensor, target: Tensor) -> System:
-    """The problem at a place, with its amplitudes.
-
-    Args:
-        columns: Phi, (..., N, K).
-        slopes: its derivative by each of U unknowns, (..., U, N, K).
-        target: p, (..., N).
-    """
+    """The problem at a place, with its amplitudes: Phi, (..., N, K), its derivative by each of U unknowns, (..., U, N,
+    K), and p, (..., N)."""
     basis, amplitude, left = solve_linear(columns, target)
     change = (slopes @ amplitude[..., None, :, None])[..., 0].movedim(-2, -1)  # (..., N, U)
     return System(-left, change - basis @ (basis.mH @ change), amplitude)
@@ -124,11 +102,8 @@ def project(columns: Tensor, slopes: Tensor, target: Tensor) -> System:
 def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
     """Search from every start; problems that are done are left alone while others go on.
 
-    Args:
-        problem: a batch of B.
-        start: places, (B, ..., P). Problems along further axes share their evaluations: those of
-            one row go on together until the last of them is done.
-        steps: at most.
+    ``start``: places of a batch of B, (B, ..., P). Problems along further axes share their evaluations: those of one
+    row go on together until the last of them is done.
     """
     place, index = start.clone(), torch.arange(len(start), device=start.device)
     found = problem.system(place, index)
@@ -136,7 +111,7 @@ def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
     damping = torch.full_like(cost, FIRST_DAMPING)
     moved = torch.full_like(cost, torch.inf)
     for _ in range(steps):
-        done = (moved < problem.tolerance) | (cost <= problem.exact) | (damping >= problem.most_damping)
+        done = (moved < problem.tolerance) | (damping >= MOST_DAMPING)
         on = index[~done.reshape(len(done), -1).all(-1)]
         if not len(on):
             break
@@ -145,7 +120,7 @@ def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
         step = step * (problem.longest / size[..., None]).clamp(max=1)
         tried, possible = problem.move(place[on], step, on)
         there = problem.system(tried, on)
-        better = (there.cost <= (1 + problem.rounding) * cost[on]) & possible
+        better = (there.cost <= (1 + ROUNDING) * cost[on]) & possible
         # A step so small tells as well if rounding of the cost refuses it.
         tells = better | (damping[on] <= 1)
         moved[on] = torch.where(tells, size.clamp(max=problem.longest), moved[on])
@@ -153,8 +128,7 @@ def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
         for value, new in zip((place, cost, *found), (tried, there.cost, *there), strict=True):
             value[on] = torch.where(_over(better, value), new, value[on])
     left = damped_step(found.residual, found.jacobian, torch.full_like(cost, LEAST_DAMPING))
-    small = (moved < problem.tolerance) | (cost <= problem.exact)
-    return Minimum(place, *found, small | (problem.size(place, left, index) < problem.settled))
+    return Minimum(place, *found, (moved < problem.tolerance) | (problem.size(place, left, index) < SETTLED))
 
 
 def _over(which: Tensor, values: Tensor) -> Tensor:
@@ -169,52 +143,3 @@ def damped_step(residual: Tensor, jacobian: Tensor, damping: Tensor) -> Tensor:
     damped = normal + torch.diag_embed(damping[..., None] * scale)
     step: Tensor = torch.linalg.solve(damped, -(jacobian.mH @ residual[..., None]))[..., 0]
     return step
-
-
-def with_slopes(made: Callable[[Tensor], Tensor], values: Tensor) -> tuple[Tensor, Tensor]:
-    """What is made of values (n,), (...), and its derivatives in them, (..., n)."""
-    at = values.detach().requires_grad_()
-    found = made(at)
-    if not found.requires_grad:
-        return found, found.new_zeros(*found.shape, len(values))
-    parts = torch.view_as_real(found) if found.is_complex() else found
-    unit = torch.eye(parts.numel(), dtype=torch.float64).reshape(-1, *parts.shape)
-    (rows,) = torch.autograd.grad(parts, at, unit, is_grads_batched=True)
-    by = rows.reshape(*parts.shape, -1)
-    by = torch.complex(by.select(-2, 0), by.select(-2, 1)) if found.is_complex() else by
-    return found.detach(), by
-
-
-@contextmanager
-def dual_level() -> Iterator[None]:
-    """``forward_ad.dual_level`` in which a constant beside a dual number has the tangent zero.
-
-    Where it has none, torch works out the shape of "no tangent" in Python: 0.5 ms an operation,
-    after 2 s of imports, for numbers that take 0.01 ms.
-    """
-    with forward_ad.dual_level(), _ZeroTangents():
-        yield
-
-
-class _ZeroTangents(TorchFunctionMode):
-    def __torch_function__(self, func: Callable[..., Any], types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        if getattr(func, "__name__", "") in PAIRS and len(args) == 2:
-            dual = [
-                each for each in args if isinstance(each, Tensor) and forward_ad.unpack_dual(each).tangent is not None
-            ]
-            if len(dual) == 1:
-                args = [value if value is dual[0] else _constant(value, dual[0]) for value in args]
-        return func(*args, **(kwargs or {}))
-
-
-def _constant(value: Any, beside: Tensor) -> Any:
-    """``value`` with tangent zero; plain numbers and integers take the precision of ``beside``."""
-    if not isinstance(value, Tensor | complex | float | int):
-        return value
-    dtype = beside.dtype.to_real()
-    if isinstance(value, complex):
-        dtype = torch.promote_types(beside.dtype, torch.complex32)
-    elif isinstance(value, Tensor) and (value.is_floating_point() or value.is_complex()):
-        dtype = value.dtype
-    made = torch.as_tensor(value, dtype=dtype, device=getattr(value, "device", beside.device))
-    return forward_ad.make_dual(made, torch.zeros_like(made))

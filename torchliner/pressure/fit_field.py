@@ -4,8 +4,8 @@ Microphone i hears :math:`\sum_k A_k h_{ik}(\rho)`: for each of K waves sent int
 from either end, the duct's response h to a unit of it times an amplitude that is not known. With the measured p_i the
 residuals are those of :math:`q_i = \sum_k A_k h_{ik}/p_i`: in the real part of q - 1 relative amplitude, in the
 imaginary part phase, each over its stated error. The wall is sought as its reflection :math:`\rho = (Z - 1)/(Z + 1)`,
-since steps in Z would march to a rigid wall without end. Levenberg and Marquardt's method takes the exact derivative of
-the field by rho (h is holomorphic, so one derivative serves both parts); A is solved for at every place.
+since steps in Z would march to a rigid wall without end. Levenberg and Marquardt's method takes the derivative of the
+field by rho from central differences (h is holomorphic: one serves both parts); A is solved for at every place.
 
 Reflected and evanescent waves of a short liner are part of the model. An end that reflects is a wave that comes in
 there. With the far end ``fitted`` it is a second amplitude, in which the field is linear; with the far end ``stated``
@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import torch.autograd.forward_ad as forward_ad
 from torch import Tensor
 
 from torchliner.checks import DataWarning, require_choice, tell
@@ -30,7 +29,7 @@ from torchliner.duct.case import other_side
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
-from torchliner.least_squares import Minimum, Problem, System, best_of, dual_level, least_squares, project, solve_linear
+from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.names import FAR_ENDS, SOURCES, __version__
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, field_notes, largest_misfit
 from torchliner.records import FieldFit, MicrophoneLine
@@ -38,7 +37,8 @@ from torchliner.records.wall_eduction import fine_places
 
 NEAREST = 1e-8  # 1 - rho of what counts as rigid: |Z| = 2e8
 FARTHEST = 100.0  # |rho|: Z = -1 to 2 %
-TOGETHER = 64  # impedances at once
+TOGETHER = 63  # impedances at once
+STEP = 1e-5  # in rho, of differences: good to 1e-10
 TOLERANCE, NEAR = 1e-9, 1e-3  # of a step in rho: of the last one, and of a first search
 KEPT = 2  # of the places that first searches end at
 SINGULAR = 1e-15  # of the normal matrix with a diagonal of 1: rounding
@@ -206,8 +206,6 @@ class WallSearch(Problem):
     weights: tuple[float, float]  # 1 over the error of the amplitude's logarithm, and of the phase in radians
     tolerance: float = TOLERANCE  # of the last step
 
-    longest = 0.3
-
     def fields(self, rho: Tensor) -> list[DuctField]:
         """For each source, of walls (B, F, 1); warnings of a trial are not passed on."""
         with warnings.catch_warnings():
@@ -221,11 +219,11 @@ class WallSearch(Problem):
     def system(self, place: Tensor, index: Tensor) -> System:
         """Residuals (B, F, 2 N) and their derivatives by Re rho, Im rho, with Re A, Im A, ..."""
         pressure, both = self.pressure[index], []
-        with dual_level():
-            for rho in place.split(TOGETHER):
-                dual = self.response(self.fields(forward_ad.make_dual(rho, torch.ones_like(rho))), self.places)
-                both.append([part.detach() for part in forward_ad.unpack_dual(dual)])
-        value, slope = (torch.cat(parts) for parts in zip(*both, strict=True))
+        for rho in place.split(TOGETHER // 3):
+            walls = torch.cat([rho, rho + STEP, rho - STEP])
+            both.append(self.response(self.fields(walls), self.places).unflatten(0, (3, -1)))
+        value, above, below = torch.cat(both, 1)
+        slope = (above - below) / (2 * STEP)
         by_place = torch.stack([self._in_parts(turn * slope, pressure) for turn in (1, 1j)], -3)
         one = torch.ones_like(pressure.real)
         target = torch.cat([one * self.weights[0], 0 * one], -1)

@@ -25,7 +25,6 @@ RESISTANCES = (0.1, 0.3, 0.8, 2.0, 5.0)
 REACTANCES = (-4.0, -1.5, -0.5, 0.0, 0.5, 1.5, 4.0)
 STARTS = 3
 FEWEST = 4  # microphones: more equations than the three unknowns
-EXACT = 1e-26  # of |p|^2
 
 
 def two_wave_fit(
@@ -104,17 +103,12 @@ class WavePairs(Problem):
     tied: bool
 
     # Sizes are relative to k + |alpha|.
-    longest, tolerance, most_damping, rounding = 0.3, 1e-10, 1e10, 1e-13
+    tolerance = 1e-10
 
     @property
     def whole(self) -> Tensor:
         """Sum of squares of the pressures, (P,)."""
         return self.pressure.abs().square().sum(-1)
-
-    @property
-    def exact(self) -> Tensor:  # type: ignore[override]
-        """Cost of rounding."""
-        return EXACT * self.whole
 
     def residuals(self, wave: Tensor) -> Tensor:
         """What pairs (P, G, 2) leave, (P, G)."""

@@ -13,12 +13,20 @@ from scipy.special import stdtrit
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, tell
-from torchliner.least_squares import with_slopes
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.laws import Knots, Law, impedances_at
-from torchliner.studies.runs import NEPER, Run, curves_at_nodes, impedances, read_runs, residuals_of, weights_of
+from torchliner.studies.runs import (
+    NEPER,
+    Run,
+    curves_at_nodes,
+    impedances,
+    read_runs,
+    residuals_of,
+    weights_of,
+    with_slopes,
+)
 from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
 from torchliner.studies.variants import Records, Row
 from torchliner.velocity.choices import Choices

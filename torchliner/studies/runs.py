@@ -18,7 +18,6 @@ from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes
-from torchliner.least_squares import with_slopes
 from torchliner.liners.model import LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.studies.laws import Knots, Law, impedances_at
@@ -236,6 +235,20 @@ def curves_at_nodes(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tenso
 def impedances(law: Law, values: Tensor, runs: Sequence[Run]) -> list[Tensor]:
     """Z of each run, (F,), differentiable in the values."""
     return [run.impedance(z) for run, z in zip(runs, curves_at_nodes(law, values, runs), strict=True)]
+
+
+def with_slopes(made: Callable[[Tensor], Tensor], values: Tensor) -> tuple[Tensor, Tensor]:
+    """What is made of values (n,), (...), and its derivatives in them, (..., n)."""
+    at = values.detach().requires_grad_()
+    found = made(at)
+    if not found.requires_grad:
+        return found, found.new_zeros(*found.shape, len(values))
+    parts = torch.view_as_real(found) if found.is_complex() else found
+    unit = torch.eye(parts.numel(), dtype=torch.float64).reshape(-1, *parts.shape)
+    (rows,) = torch.autograd.grad(parts, at, unit, is_grads_batched=True)
+    by = rows.reshape(*parts.shape, -1)
+    by = torch.complex(by.select(-2, 0), by.select(-2, 1)) if found.is_complex() else by
+    return found.detach(), by
 
 
 def residuals_of(law: Law, values: Tensor, runs: Sequence[Run]) -> tuple[Tensor, Tensor]:

@@ -16,11 +16,10 @@ from torch import Tensor
 
 from torchliner.checks import require_choice
 from torchliner.engine.moments import Moments
-from torchliner.least_squares import with_slopes
 from torchliner.liners.model import Liner, Number, as_liner, impedance_of, named_numbers
 from torchliner.names import LIMITS
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.studies.runs import Run, choices_of_fit
+from torchliner.studies.runs import Run, choices_of_fit, with_slopes
 from torchliner.studies.variants import Row, Study, plane_of
 from torchliner.units import parse_tolerance
 from torchliner.velocity.educe import moments
