@@ -13,7 +13,7 @@ import torchliner as tl
 GROUPS: dict[str, tuple[str, str]] = {
     "Planes and maps": (
         "From velocity to impedance: read a plane, educe it, keep what comes out.",
-        "VelocityPlane read_plane educe ImpedanceMap read_map onto_grid VelocityGrid Holes read_holes",
+        "VelocityPlane read_plane educe ImpedanceMap read_map onto_grid VelocityGrid",
     ),
     "Moments": (
         "A plane reduced to moments of the speed, from which any liner follows at any frequency.",

@@ -23,9 +23,8 @@ from torchliner.report.maps import draw_map
 
 
 def maps_of(case: str) -> list[tl.ImpedanceMap]:
-    """Of all heights, the lowest first, with the places of the holes."""
-    holes = DATA / f"holes_{case[: case.index('_') + 2]}.csv"  # by the first letter of the case
-    planes = [tl.read_plane(path, holes=holes) for path in plane_files(f"{case}_y*.h5")]
+    """Of all heights, the lowest first."""
+    planes = [tl.read_plane(path) for path in plane_files(f"{case}_y*.h5")]
     return [tl.educe(plane, tl.load_liner(plane.liner)) for plane in planes]
 
 

@@ -49,7 +49,7 @@ def lines() -> Iterator[str]:
             yield f"from {home} import {name} as {name}"
     yield "from torchliner.names import __version__ as __version__\n"
     yield "__all__: list[str]\n\nclass _Choices(TypedDict, total=False):"
-    yield from (f"    {field.name}: {field.type}" for field in dataclasses.fields(Choices))
+    yield from (f"    {field.name}: {inspect.formatannotation(field.type)}" for field in dataclasses.fields(Choices))
     yield from map(signature, NAMED)
 
 

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 import torch
 from conftest import FREQUENCY, RATE, doubtful, frozen_plane, plane_of, relative_error, turbulence
+from hypothesis import given
+from hypothesis import strategies as st
 
 import torchliner as tl
+from torchliner.records.cells import Cells
 from torchliner.velocity import reading
 
 INTERPOLATED = 1e-9  # in R over |v|, of float64
@@ -303,3 +306,19 @@ def test_a_velocity_along_the_flow_is_refused_or_noted():
         found = tl.educe(plane_of(v + 5), liner, 1400.0)
     assert "large-mean" in {note.code for note in found.notes}
     assert tl.educe(plane_of(torch.full_like(v, 20.0)), liner, 1400.0).notes == ()
+
+
+@given(st.lists(st.tuples(st.integers(-1, 3), st.booleans()), min_size=1, max_size=12))
+def test_an_average_is_the_product_with_the_averaging_matrix(probes):
+    """Probes outside (-1) and left out count for nothing; a cell of which none is left is 0."""
+    centres = torch.arange(4, dtype=torch.float64)
+    cells = Cells(torch.tensor([label for label, _ in probes]), centres, torch.zeros_like(centres))
+    used = torch.tensor([each for _, each in probes])
+    values = torch.randn(2, len(probes), 3, generator=torch.Generator().manual_seed(1)).double()
+    values = torch.complex(values, values.flip(0))
+    matrix = ((cells.labels[:, None] == torch.arange(4)) & used[:, None]).double()
+    wanted = torch.einsum("pc,apf->acf", (matrix / matrix.sum(0).clamp(min=1)).to(values), values)
+    found = cells.average(values, used)
+    torch.testing.assert_close(found, wanted, rtol=1e-14, atol=1e-15)
+    last = cells.average(values.movedim(1, 2), used, axis=-1)
+    torch.testing.assert_close(last, wanted.movedim(1, 2), rtol=1e-14, atol=1e-15)

@@ -49,7 +49,7 @@ def grid_plane(dtype=torch.float32):
     facts |= {"reference": {"true": 1 - 0.5j}, "title": "two rows", "provenance": {"run": 7}, "start": 0.25}
     time = torch.arange(900, dtype=torch.float64) / 42e3
     v = turbulence((2, 4, 900)) + 2 + 3 * torch.cos(2 * torch.pi * 1400 * time)
-    return plane_of(v.to(dtype), holes=tl.records.Holes(x=(0.01,), diameter=(1e-3,), z=(0.01,)), **facts)
+    return plane_of(v.to(dtype), **facts)
 
 
 def record(**about) -> tl.PressureRecord:
@@ -103,7 +103,7 @@ def noted():
     """A map with all that may stand beside Z."""
     found = made("plane", displacement_thickness=1.73e-3, **FACTS).with_alongside(points())
     notes = (*found.notes, Note("by-hand", "of some size", 0.1))
-    return dataclasses.replace(found, notes=notes, holes=tl.Holes((0.01,), (1e-3,)), title="Überströmt")
+    return dataclasses.replace(found, notes=notes, title="Überströmt")
 
 
 def tones():

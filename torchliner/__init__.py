@@ -9,10 +9,10 @@ _NAMES = {  # module: public names that live in it
     "checks": "DataWarning",
     "conversions": "reflection_from_impedance impedance_from_reflection absorption_from_reflection",
     "fluid": "Fluid",
-    "records": "VelocityPlane Holes ImpedanceMap PressureRecord MicrophoneLine BurstRecord ReferenceChannel "
+    "records": "VelocityPlane ImpedanceMap PressureRecord MicrophoneLine BurstRecord ReferenceChannel "
     "ImpedanceLine WallEduction FieldFit PointImpedances",
     "records.incident": "Tones Sweep BandNoise Recorded",
-    "io.planes": "read_plane read_holes",
+    "io.planes": "read_plane",
     "io.moments_file": "read_moments",
     "io.own_file": "read_map read_wall read_line read_points",
     "io.microphone_file": "read_microphones read_pressure read_signal",

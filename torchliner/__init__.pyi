@@ -46,7 +46,6 @@ from torchliner.io.own_file import read_line as read_line
 from torchliner.io.own_file import read_map as read_map
 from torchliner.io.own_file import read_points as read_points
 from torchliner.io.own_file import read_wall as read_wall
-from torchliner.io.planes import read_holes as read_holes
 from torchliner.io.planes import read_plane as read_plane
 from torchliner.liners.catalogue import load_liner as load_liner
 from torchliner.liners.catalogue import preset_names as preset_names
@@ -68,7 +67,6 @@ from torchliner.pressure.two_waves import two_wave_fit as two_wave_fit
 from torchliner.pressure.waves import kumaresan_tufts as kumaresan_tufts
 from torchliner.records import BurstRecord as BurstRecord
 from torchliner.records import FieldFit as FieldFit
-from torchliner.records import Holes as Holes
 from torchliner.records import ImpedanceLine as ImpedanceLine
 from torchliner.records import ImpedanceMap as ImpedanceMap
 from torchliner.records import MicrophoneLine as MicrophoneLine

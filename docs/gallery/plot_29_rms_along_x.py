@@ -3,7 +3,7 @@ Fluctuations along the liner
 ============================
 
 Rms of the wall-normal velocity (above) and, where it is stored, of the streamwise velocity (below)
-at all heights: figure 16 of the paper. The slits (grey) under two flows stand in for its
+at all heights: figure 16 of the paper. Slits under two flows stand in for its
 simulation; over a hard wall, without a liner, at 0.52, 1.04 and 2.44 mm, nothing depends on x.
 """
 
@@ -30,8 +30,6 @@ for column, case, head in zip(rows.T, cases, heads, strict=True):
     column[1].set_xlabel("$x$ (mm)")
     for axis in column:
         axis.set_ylim(0, None)
-        for slit in tl.read_holes(data / "holes_slit_g.csv").x if case != "channel" else ():
-            axis.axvline(1e3 * slit, color="0.85", linewidth=4, zorder=0)
 rows[0, 0].set_ylabel(r"$v'_{\mathrm{rms}}$ (m s$^{-1}$)")
 rows[1, 0].set_ylabel(r"$u'_{\mathrm{rms}}$ (m s$^{-1}$)")
 figure.legend(*rows[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)

@@ -23,7 +23,7 @@ except KeyboardInterrupt:  # in the first tenths of a second
 
 ABOUT = "Acoustic liner impedance from velocity measured just above the liner."
 EXAMPLES = """examples:
-  torchliner educe plane.h5 -o map.h5 --figure pictures --holes holes.csv
+  torchliner educe plane.h5 -o map.h5 --figure pictures
   torchliner liner onera --frequency 500:3000:500
 
 torchliner COMMAND --help: its options; torchliner --version: the version."""

@@ -139,7 +139,7 @@ class Command(NamedTuple):
 
 BY_TYPE: dict[str, tuple[Kind | None, Any]] = {"float": (NUMBER, None), "int": (COUNT, None), "bool": (None, None)}
 BY_TYPE |= {"complex": (COMPLEX, None), "Sequence[float]": (NUMBER, "+"), "tuple[float, float]": (NUMBER, 2)}
-BY_NAME = {"background": NAME, "x": NAME, "z": NAME, "holes": FILE, "points": FILE, "interval": LEVEL}
+BY_NAME = {"background": NAME, "x": NAME, "z": NAME, "points": FILE, "interval": LEVEL}
 BY_NAME["reference_phase"] = NUMBER
 
 

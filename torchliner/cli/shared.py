@@ -43,7 +43,7 @@ def choices(wanted: str) -> Of:
 STATED = "variable group axes velocity_units length_units sampling_rate normal row wall_normal_component x z points "
 READING = (
     Of("io.planes:read_plane", "start stop every region", "part of the data", to="reading"),
-    Of("io.plane_format:PlaneRequest", f"{STATED}holes overlap", "missing metadata", to="reading"),
+    Of("io.plane_format:PlaneRequest", f"{STATED}overlap", "missing metadata", to="reading"),
 )
 ANY = "of any format, or moments; 'run_*.nc' joins restarts"
 WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav file; default: --frequency"

@@ -30,16 +30,16 @@ def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: boo
 
 def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Record]:
     """Planes, or the moments that planes were reduced to; those of ``background`` too."""
-    stated = set(options.reading) - {"holes"}
-    holes = {"holes": tl.read_holes(options.reading["holes"])} if "holes" in options.reading else {}
     found: list[Record] = []
     for path in paths:
         if not holds_moments(path):
             found += read_planes([path], options)
-        elif stated:
-            raise ValueError(f"{path} holds moments, of which there is no part: leave out {spelled(sorted(stated))}")
+        elif options.reading:
+            raise ValueError(
+                f"{path} holds moments, of which there is no part: leave out {spelled(sorted(options.reading))}"
+            )
         else:
-            found.append(with_facts(tl.read_moments(path), holes))
+            found.append(tl.read_moments(path))
     if "background" in options.chosen:
         options.chosen["background"] = background_of(options.chosen["background"])
     return found

@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from torchliner.file_checks import machine_memory, require_memory
-from torchliner.records.cells import Holes
 from torchliner.records.slabs import slab_bounds
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -38,8 +37,6 @@ class PlaneRequest:
         x: coordinates along the duct: FILE or FILE:VARIABLE. In Python also an array.
         z: coordinates across the duct, as ``x``.
         points: file of a point list, whose columns are x, y, z, of histories at points.
-        holes: places of the holes, for figures: a table x [mm], z [mm], diameter [mm], without z for slits. In
-            Python also a ``Holes``.
         overlap: of files of one run that hold the same times with other values, as after a restart from before a
             crash: "later" or "earlier", the values of the file that begins so; "refuse" by default.
     """
@@ -56,7 +53,6 @@ class PlaneRequest:
     x: Any = None
     z: Any = None
     points: str | Path | None = None
-    holes: Holes | str | Path | None = None
     overlap: str | None = None
 
     def __post_init__(self) -> None:

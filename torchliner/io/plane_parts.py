@@ -233,7 +233,6 @@ def _region(plane: VelocityPlane, region: Sequence[Limits] | str) -> tuple[Tenso
     chosen = (inside[1][:, None] & inside[0]).reshape(-1) if grid else inside[0]
     about: dict[str, Any] = {name: value[inside["xz".index(name)]] for name, value in places.items()}
     about |= {} if plane.area is None else {"area": plane.area[chosen]}
-    about |= {} if plane.holes is None else {"holes": plane.holes.within(about.get("x"), about.get("z"))}
     counts = [int(each.sum()) for each in inside[::-1]]
     return chosen.nonzero()[:, 0], tuple(counts if grid else counts[:1]), about
 

@@ -16,16 +16,13 @@ from torchliner.io.plane_parts import JOINED, join_planes, select
 from torchliner.io.points import require_velocity
 from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
 from torchliner.records import VelocityPlane
-from torchliner.records.cells import Holes
 from torchliner.records.origin import series_of
-from torchliner.text_columns import read_lines, read_table
 from torchliner.units import si_factor
 
 HEAD = 4096  # bytes by which a file is recognised
 KNOWN = [each.name for each in fields(PlaneRequest)]
-ANY = ("x", "z", "holes", "wall_normal_component", "overlap")  # which every format takes from the user
+ANY = ("x", "z", "wall_normal_component", "overlap")  # which every format takes from the user
 OF_READING = (JOINED, "overlaps", "selected", "stated", "restated", "earlier")  # in the provenance
-HOLES = {"x": "length", "diameter": "length", "z": "length"}
 
 
 def read_plane(
@@ -51,7 +48,7 @@ def read_plane(
             out being open. In Python also a pair (low, high) of each.
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
             variable, group, axes, velocity_units, length_units, sampling_rate, normal, row,
-            wall_normal_component, x, z, points, holes, overlap.
+            wall_normal_component, x, z, points, overlap.
     Raises:
         OSError: missing, truncated, unreadable, of no format that is known; a glob that matches nothing.
         TypeError: an option of another name.
@@ -126,8 +123,6 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
     kept |= {"earlier": earlier} if earlier else {}
     kept |= {"stated": {name: _in_words(value) for name, value in given.items()}} if given else {}
     about = {name: _coordinate(given[name], request.length_units, name) for name in "xz" if name in given}
-    if (holes := request.holes) is not None:
-        about["holes"] = read_holes(holes) if isinstance(holes, str | os.PathLike) else holes
     return replace(plane, provenance=kept, **about)
 
 
@@ -146,20 +141,3 @@ def _coordinate(where: Any, unit: str | None, name: str) -> Any:
         file, _, inside = os.fspath(where).partition(":")
         where = read_array(file, inside or None)
     return factor * np.asarray(where, float)
-
-
-def read_holes(path: str | Path) -> Holes:
-    """Places of the holes of a liner from a table of text.
-
-    Args:
-        path: columns x, z and diameter with their units in the header, ``x [mm], z [mm], diameter [mm]``, in any
-            order; slits have no z, and their diameter is their width. Lines behind '#' are remarks.
-    Raises:
-        FileNotFoundError, OSError: no such file, a folder.
-        ValueError: a column missing, unknown or without a unit, a cell that is no number, a diameter that is not
-            positive.
-    """
-    example = "x [mm], z [mm], diameter [mm]; without z for slits, whose diameter is their width"
-    found = read_table(read_lines(path), HOLES, path, example=example, optional=("z",))
-    with naming(str(path)):
-        return Holes(**{name: tuple(values.tolist()) for name, values in found.items()})

@@ -29,13 +29,11 @@ from torchliner.io.variables import (
 )
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
-from torchliner.records.cells import Holes
 from torchliner.records.declared import variables_of
 from torchliner.units import SI_QUANTITY, si_factor
 
 HEAD = {"title": str, "source_side": str, "liner": str, "provenance": dict[str, Any]}  # attributes of our files
 VELOCITY, STREAMWISE, AREA = "wall_normal_velocity", "streamwise_velocity", "area"
-HOLES = ("hole_x", "hole_z", "hole_diameter")
 STATED = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
 STATED |= FLUID_UNITS
 REMEDIES = {
@@ -85,15 +83,11 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     case = find_places(velocity, fields, request, order[1:], taken, across) | _case(source, head, velocity)
     # Elsewhere a field may bear the name of one of our numbers: density over time and place.
     lead = velocity.name.rpartition("/")[0]
-    own = {name: fields[f"{lead}/{name}"] for name in (STREAMWISE, AREA, *HOLES) if ours and f"{lead}/{name}" in fields}
+    own = {name: fields[f"{lead}/{name}"] for name in (STREAMWISE, AREA) if ours and f"{lead}/{name}" in fields}
     if stream := own.pop(STREAMWISE, None):
         case["streamwise"] = VariableVelocity(stream, source.opens, order, stream.signal_factor("m/s"))
     if area := own.pop(AREA, None):
         case["area"] = area.si("m2")
-    if own and not {"hole_x", "hole_diameter"} <= {*own}:
-        raise ValueError(f"{path}: holes are {', '.join(HOLES)}, without z for slits; only some of them are there")
-    if holes := {name[5:]: each.si("m") for name, each in own.items()}:
-        case["holes"] = Holes(**holes)  # type: ignore[arg-type]
     row = request.row or 0
     part = {} if taken is None else {taken: slice(row, row + 1)}
     sign = _sign(velocity, request, ours and schema.startswith("torchliner "))

@@ -1,7 +1,6 @@
 """The records everything passes through."""
 
 from torchliner.records.burst_record import BurstRecord, ReferenceChannel
-from torchliner.records.cells import Holes
 from torchliner.records.educed import Educed, Interval, PointImpedances, PointUncertainty
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
@@ -16,7 +15,6 @@ __all__ = [
     "Educed",
     "FieldFit",
     "Gap",
-    "Holes",
     "ImpedanceLine",
     "ImpedanceMap",
     "Interval",

@@ -24,7 +24,7 @@ QUIETEST = -126.0  # dB: its last digit in double precision
 LEVELS = f"[{QUIETEST:g}, {LOUDEST:g}]"
 SAME_PLACE = 1e-6  # m
 STATED = ("liner", "mach", "incident_level", "source_side")  # the same at all heights above one liner
-OF_ONE_PLANE = (*STATED, "height", "frequency", "holes")
+OF_ONE_PLANE = (*STATED, "height", "frequency")
 OF_ONE_RUN = ("frequency", "incident_level", "mach")
 
 

@@ -13,7 +13,6 @@ from torchliner.checks import index_of_frequency, require_choice
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import AVERAGINGS, resolve
 from torchliner.records.case import Found, probe_axes
-from torchliner.records.cells import Holes
 from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.educed import Educed, PointImpedances
 from torchliner.records.level_check import LevelCheck, LevelMatched
@@ -60,7 +59,6 @@ class ImpedanceMap(DrawnAtFrequency, Result, Found):
     z: Tensor | None = var("rows", unit="m", text="spanwise coordinate", default=None)
     height: float | None = var(unit="m", text="distance of the plane from the liner", default=None)
     alongside: tuple[PointImpedances, ...] = part("alongside", by="groups", default=())
-    holes: Holes | None = part("hole_", default=None)
     _: KW_ONLY
     level_check: LevelCheck | None = part(default=None)
     level_matched: LevelMatched | None = part("level_matched_", default=None)

@@ -12,8 +12,7 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, real_tensor, require_positive, tell
 from torchliner.names import resolve
 from torchliner.records.case import AtProbes, signal_tensor
-from torchliner.records.cells import Holes
-from torchliner.records.declared import part, record, var
+from torchliner.records.declared import record, var
 from torchliner.records.outlets import Drawn
 from torchliner.records.slabs import Reader
 
@@ -35,7 +34,6 @@ class VelocityPlane(Drawn, AtProbes):
         velocity: m/s, positive AWAY from the liner; real floating tensor or array of shape (..., T)
             with probe axes (z, x), (x) or (probe); or a ``StoredVelocity``.
         streamwise: streamwise velocity, m/s, on the same probes and times.
-        holes: where those of the liner below are, for figures; those beyond the plane are left out. None: unknown.
     Raises:
         TypeError, ValueError: velocity is not real floating point; a shape or a value that no plane has.
     """
@@ -44,7 +42,6 @@ class VelocityPlane(Drawn, AtProbes):
     _: KW_ONLY
     height: float | None = var(unit="m", range="(0, inf)", text="distance of the plane from the liner", default=None)
     area: Any = var("probes", unit="m2", range="[0, inf)", text="area of each probe, in their order", default=None)
-    holes: Holes | None = part("hole_", default=None)
     streamwise: Any = field(default=None)
     name: str = "velocity"
 
@@ -73,13 +70,6 @@ class VelocityPlane(Drawn, AtProbes):
         self._check(self.velocity)
         if self.area is not None and len(self.area) != self.probes:
             raise ValueError(f"{self.name}: area has {len(self.area)} values; {self.probes} are needed")
-        if self.holes is not None:
-            if not isinstance(self.holes, Holes) or (inside := self.holes.within(self.x, self.z)) is None:
-                raise ValueError(
-                    f"{self.name}: holes is {self.holes!r}, none of them over the plane; give Holes(x, diameter, z), "
-                    "in m and in the coordinates of the plane, or read_holes(FILE)"
-                )
-            object.__setattr__(self, "holes", inside)
 
     @classmethod
     def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
@@ -126,7 +116,7 @@ class VelocityPlane(Drawn, AtProbes):
         require_positive("length scale", length)
         require_positive("velocity scale", velocity)
         loaded, per_time = self.load(), velocity / length
-        factors = dict.fromkeys(("x", "z", "height", "displacement_thickness", "holes"), length)
+        factors = dict.fromkeys(("x", "z", "height", "displacement_thickness"), length)
         factors |= dict.fromkeys(("sampling_rate", "frequency"), per_time) | {"start": 1 / per_time}
         factors |= {"area": length**2, "velocity": velocity, "streamwise": velocity}
         scaled = {

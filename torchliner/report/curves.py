@@ -21,7 +21,6 @@ from torchliner.report.maps import (
     interval_words,
     labels_of,
     mark_cells,
-    mark_holes,
     over_surface,
 )
 from torchliner.report.table import Row, rows_of
@@ -170,7 +169,6 @@ def draw_along_x(
 
     def more(axis: Any, part: str) -> None:
         if first.x is not None and not before:
-            mark_holes(axis, first.holes)
             mark_cells(axis, first)
         if words and not before and part == "resistance":
             look.entry(axis, words, color="0.8", **look.BAND)
@@ -275,7 +273,6 @@ def draw_velocity(
             if quantity in rows[0]:
                 look.draw_values(axis, **look.curve_of(rows, "x (m)", quantity, **look.colour_of(i, name)))
         axis.set(xlabel=look.X_MM, ylabel=VELOCITIES[quantity], ylim=(None if quantity == "v0 (m/s)" else 0, None))
-        mark_holes(axis, None if before else cases[0].holes)
     return look.finish(figure, path, case_title(cases[0]), 6, axes)
 
 

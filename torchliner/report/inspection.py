@@ -104,7 +104,6 @@ def _inspection(
         "height (mm)": None if plane.height is None else 1e3 * plane.height,
         **{f"{name} (mm)": _range(1e3 * at) for name in ("x", "z") if (at := getattr(plane, name)) is not None},
         **{f"{name}{unit}": getattr(plane, name) for name, unit in STATED.items()},
-        "holes": None if plane.holes is None else plane.holes.words,
         **{f"reference, {name}": f"{z:.4f}" for name, z in plane.reference.items()},
         "sound speed (m/s)": float(plane.fluid.sound_speed),
         "density (kg/m3)": float(plane.fluid.density),

@@ -1,4 +1,4 @@
-"""Maps over (x, z): colours of resistance and reactance, holes and cells of the liner; what runs are called."""
+"""Maps over (x, z): colours of resistance and reactance, cells of the liner; what runs are called."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.cells import Holes, merged_bands
 from torchliner.report import figure as look
 from torchliner.report.table import Row, rows_of
 
@@ -64,19 +63,9 @@ def draw_map(
             drawn = axis.scatter(x, z, c=values, s=np.clip(AREA / len(x), 0.5, 60), linewidths=0, **style)
         axis.figure.colorbar(drawn, ax=axis, extend="both", label=label, location="bottom" if given is None else None)
         mark_cells(axis, result, **ON_MAP)
-        _draw_holes(axis, result.holes)
         axis.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$z$ ({unit})")
     words = f"{result.title}, {float(result.frequency[frequency_index]):g} Hz; colours: 1 to 99 % of the probes"
     return look.finish(figure, path, words, 2, given)
-
-
-def mark_holes(axis: Any, holes: Holes | None) -> None:
-    """Bands of x, mm, over the holes, behind all else, with a row in the legend."""
-    ends = axis.get_xlim()
-    for low, high in [] if holes is None else merged_bands(holes):
-        label = "slit" if holes is None or holes.z is None else "hole"
-        axis.axvspan(1e3 * low, 1e3 * high, color="0.88", linewidth=0, zorder=0, label=label)
-    axis.set_xlim(ends)
 
 
 def mark_cells(axis: Any, result: ImpedanceMap, **style: Any) -> None:
@@ -95,20 +84,6 @@ def mark_cells(axis: Any, result: ImpedanceMap, **style: Any) -> None:
         borders = np.unique(np.round([at - half, at + half], 6))
         for border in borders[(min(ends) < borders) & (borders < max(ends))]:
             draw(border, **{"color": "0.6", "linewidth": 0.5, "zorder": 0 + on_map} | style, label="border of cells")
-
-
-def _draw_holes(axis: Any, holes: Holes | None) -> None:
-    """Circles over a map in mm, or the two sides of slits."""
-    from matplotlib.collections import EllipseCollection
-
-    if holes is None or holes.z is None:
-        for x in () if holes is None else np.ravel(merged_bands(holes)):
-            axis.axvline(1e3 * x, label="slit", linestyle="--", **ON_MAP)
-        return
-    places, size = 1e3 * np.stack([holes.x, holes.z], 1), 1e3 * np.asarray(holes.diameter)
-    style: Any = {"units": "xy", "offsets": places, "offset_transform": axis.transData, "facecolor": "none"}
-    axis.add_collection(EllipseCollection(size, size, 0 * size, edgecolor=ON_MAP["color"], **style), autolim=False)
-    look.entry(axis, "hole", "o", markersize=6, markerfacecolor="none", **ON_MAP)
 
 
 def probe_rows(result: ImpedanceMap, index: int) -> list[Row]:

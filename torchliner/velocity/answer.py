@@ -23,7 +23,7 @@ from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.level_check import check_level
 from torchliner.velocity.reading import settled
 
-STATED = ("x", "z", "height", "fluid", "mach", "incident_level", "source_side", "title", "holes")
+STATED = ("x", "z", "height", "fluid", "mach", "incident_level", "source_side", "title")
 
 
 def answer(
