@@ -12,7 +12,7 @@ import functools
 import math
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,6 @@ FLOWS = ("t03_130", "t015_145", "q01_140", "q02_140", "q02_145")
 RAISED = ("q02_140h", "q02_145h")  # on a finer lattice
 SLITS = ("g01_145", "g03_145")  # with flow, in two dimensions
 CASES = ("n115", "n130", "n145", *SLITS, "o115", "o130", "o145", "t00_130", *FLOWS)
-FRICTION = {0.1: 1.56, 0.15: 2.25, 0.2: 2.91, 0.3: 4.21}  # m/s, by Mach number; data/README.md
 HEIGHTS = (0.5e-3, 1.0e-3)
 COLUMNS = ("preset", "calibrated", "background", "matched")
 NEAR_R, NEAR_X, PASSES = 0.15, 0.1, 0.3  # dB
@@ -153,8 +152,9 @@ def needed_rows() -> list[dict[str, Any]]:
         for plane in planes_of(case):
             needed, own = needed_rms(plane, liner_of(case))
             about = {"case": case, "height": plane.height, "mach": plane.mach, "diameters": diameters_of(case, plane)}
-            quiet = [rms(each) for each in quiet_of(case) if near(each, plane.height or 0.0)]
-            rows.append(about | {"needed": needed, "own": own, "quiet": quiet[0] if quiet else math.nan})
+            silent = [each.velocity.double() for each in quiet_of(case) if near(each, plane.height or 0.0)]
+            rms = float(silent[0].var(-1, correction=0).mean().sqrt()) if silent else math.nan
+            rows.append(about | {"needed": needed, "own": own, "quiet": rms})
     return rows
 
 
@@ -210,63 +210,6 @@ def differs(rows: Rows) -> list[str]:
     ]
 
 
-def fluctuation(plane: tl.VelocityPlane) -> torch.Tensor:
-    """v less its mean, (z, x, T)."""
-    velocity = plane.velocity.double()
-    return velocity - velocity.mean(-1, keepdim=True)
-
-
-def rms(plane: tl.VelocityPlane, limit: float = math.inf, diameter: float = 0.0) -> float:
-    """m/s, of what is below a frequency (Hz), and of its mean over a disc of the size of a hole (m), anywhere on a
-    periodic plane."""
-    v = fluctuation(plane)
-    if limit < math.inf:
-        spectrum = torch.fft.rfft(v)
-        spectrum[..., torch.fft.rfftfreq(plane.samples, 1 / plane.sampling_rate) > limit] = 0
-        v = torch.fft.irfft(spectrum, n=plane.samples)
-    if diameter:
-        step = float(torch.unique(plane.x).diff().median())
-        z, x = np.meshgrid(*(step * np.fft.fftfreq(n, 1 / n) for n in plane.probe_shape), indexing="ij")
-        disc = torch.from_numpy((np.hypot(x, z) <= diameter / 2).astype(float))
-        disc = torch.fft.fft2(disc / disc.sum())[..., None]
-        v = torch.fft.ifft2(torch.fft.fft2(v, dim=(0, 1)) * disc, dim=(0, 1)).real
-    return float(v.square().mean().sqrt())
-
-
-def candidate_table(rows: Rows) -> str:
-    """Needed rms at 0.5 mm over what might stand for it."""
-    needed = {row["case"]: row for row in rows if abs(row["height"] - HEIGHTS[0]) < 1e-6}
-    d = liner_of("t03_130").hole_diameter
-
-    def quiet(height: float, **of: float) -> Callable[[str], float]:
-        """The rms between two quiet planes."""
-
-        def at(case: str) -> float:
-            low, high = quiet_of(case)
-            share = (height - (low.height or 0)) / ((high.height or 0) - (low.height or 0))
-            return rms(low, **of) + share * (rms(high, **of) - rms(low, **of))
-
-        return at
-
-    candidates: dict[str, Callable[[str], float]] = {
-        "rms of the record itself": lambda case: needed[case]["own"],
-        "rms without sound, 0.41 d": quiet(5e-4),
-        "rms without sound, 0.5 d": quiet(d / 2),
-        "rms without sound, 0.83 d": quiet(1e-3),
-        "the same below 4 kHz, 0.5 d": quiet(d / 2, limit=4e3),
-        "the same below 8 kHz, 0.5 d": quiet(d / 2, limit=8e3),
-        "mean over a hole, 0.41 d": quiet(5e-4, diameter=d),
-        "mean over a hole, 0.83 d": quiet(1e-3, diameter=d),
-        "half the friction velocity": lambda case: FRICTION[needed[case]["mach"]] / 2,
-    }
-    lines = []
-    for name, of in candidates.items():
-        ratios = [needed[case]["needed"] / of(case) for case in FLOWS]
-        spread = math.sqrt(max(ratios) / min(ratios)) - 1
-        lines.append([name, *(f"{each:.2f}" for each in ratios), f"±{100 * spread:.0f} %"])
-    return page_table(" | ".join(["needed rms over", *FLOWS, "spread"]), lines)
-
-
 def rule_table() -> str:
     """R off by, with each quiet plane at the height of the run and with the rms at half a diameter."""
     lines = []
@@ -299,7 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = [row_of(case, p) for case in CASES for p in planes_of(case) if any(near(p, height) for height in HEIGHTS)]
     needed = needed_rows()
     tables = answer_tables(rows)
-    tables |= {"rule": rule_table(), "candidates": candidate_table(needed), "shares": share_table(shares)}
+    tables |= {"rule": rule_table(), "shares": share_table(shares)}
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
     files: dict[str, Rows] = {"parity": rows, "background": needed, "velocity_ratio": shares}

@@ -4,7 +4,7 @@
 
 A row is the best of some runs after one that is not counted, in s, and in ns for each velocity sample where that is
 what counts. The quick plane has 1712 probes x 2280 samples (200 kHz, 11.4 ms, float32); --full takes the paper's 548 x
-50 probes, files up to 16 GB, lines of 120 stations and the large sparse matrix.
+50 probes, files up to 16 GB and lines of 120 stations.
 """
 
 import os

@@ -8,19 +8,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.sparse.linalg import spsolve
 
 import torchliner as tl
 from benchmarks.engine import MANY, noise, plane_of
 from benchmarks.harness import apart, best, row
 from common import case_files
-from oracles.lee_assembled import assemble
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.solver import DuctSolver, solve_duct
 from torchliner.pressure.microphone_errors import draw_pressures
-from verify_duct import node_places
 
 FREE = {
     "vena_contracta": (0.3, 1.0),
@@ -99,20 +96,11 @@ def mesh_of(size: int) -> DuctMesh:
 
 
 def duct(options: Any) -> None:
-    """B2A: condensed columns against scipy's sparse LU (COLAMD, the quickest of its orders here) of the assembled
-    matrix, many impedances at once, draws of microphones."""
+    """B2A: three meshes, many impedances at once, draws of microphones."""
     torch.set_num_threads(1)
     for size in MESHES:
         mesh = mesh_of(size)
-        seconds, field = best(functools.partial(solve_duct, CASE, FREQUENCY, IMPEDANCE, mesh))
-        row(f"{mesh.unknowns} unknowns, condensed columns", seconds)
-        if size < 100_000 and (options.full or size < 20_000):
-            matrix, right = assemble(CASE, FREQUENCY, IMPEDANCE, mesh)
-            slow, found = best(functools.partial(spsolve, matrix, right, permc_spec="COLAMD", use_umfpack=False), 1)
-            shape = (len(mesh.x) - 1, len(mesh.y) - 1, 3, (mesh.degree + 1) ** 2)
-            ours = field.at(*(places.ravel() for places in node_places(mesh)))[0][0].numpy()
-            error = float(np.abs(ours - found.reshape(shape)[:, :, 0].ravel()).max())
-            row(f"{mesh.unknowns} unknowns, sparse LU", slow, f"{slow / seconds:.0f} times", error=error)
+        row(f"{mesh.unknowns} unknowns", best(functools.partial(solve_duct, CASE, FREQUENCY, IMPEDANCE, mesh))[0])
     many_impedances()
     many_draws()
 
