@@ -41,7 +41,7 @@ GROUPS: dict[str, tuple[str, str]] = {
     ),
     "Duct": (
         "Sound in a lined duct with flow: dispersion relation, modes, linearised Euler equations.",
-        "load_duct DuctSolver solve_settled duct_modes growing_wave impedance_from_wavenumber "
+        "load_duct DuctSolver solve_settled duct_modes impedance_from_wavenumber "
         "wavenumber_from_impedance TanhProfile displacement_thickness",
     ),
     "Incident wave alone": (

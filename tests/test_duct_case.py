@@ -1,4 +1,4 @@
-"""Flow, cases, meshes and walls of a duct, its energy and growing waves: laws, refusals, doubts."""
+"""Flow, cases, meshes and walls of a duct, its energy and settled meshes: laws, refusals, doubts."""
 
 import itertools
 import json
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.integrate import quad
-from test_dispersion import B2A, FREQUENCY, HEIGHT, SPEED, TANH, UNIFORM, k_of, shoot
+from test_dispersion import B2A, FREQUENCY, HEIGHT, SPEED, TANH, UNIFORM
 from test_duct_command import MESH
 
 import torchliner as tl
@@ -19,9 +19,7 @@ from torchliner.duct import settled as lee_settled
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import ParabolicProfile, TabulatedProfile, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
-from torchliner.duct.modes import PridmoreBrown
-from torchliner.duct.numerics import with_slopes
-from torchliner.duct.settled import growing_wave, solve_settled
+from torchliner.duct.settled import solve_settled
 from torchliner.duct.solver import DuctSolver, solve_duct
 from torchliner.names import DIRECTIONS
 
@@ -137,7 +135,7 @@ def test_the_solver_says_what_it_lacks():
         case_of(end_reflection=torch.tensor([0.5, 1.3j]))
 
 
-MYERS, VELOCITY = "ingard-myers", "continuous-velocity"
+MYERS = "ingard-myers"
 COARSE = {"frequency": 1500.0, "column": 0.02, "row": 0.01}
 
 
@@ -173,53 +171,6 @@ def test_energy_is_kept(profile, condition, impedance, within, source):
         assert float(balance.absorbed) > 0.1
 
 
-@pytest.mark.parametrize("wall", [B2A, 0.3 + 0j, 1.0 - 0.5j])
-def test_the_growing_wave_of_a_vortex_sheet(wall):
-    alpha = growing_wave(UNIFORM, 1500.0, wall, MYERS)
-    about = {"height": HEIGHT, "mach": 0.3, "sound_speed": SPEED}
-    assert complex(tl.impedance_from_wavenumber(alpha, 1500.0, **about)) == pytest.approx(wall)
-    assert float(alpha.imag) > 10
-
-
-@pytest.mark.parametrize(
-    ("profile", "frequency", "wall"),
-    [(TANH, 1000.0, 0.3), (TANH, 1500.0, 0.3), (TanhProfile(0.3, HEIGHT, 0.05, SPEED), 1500.0, 1.0)],
-)
-def test_the_growing_wave_of_a_layer(profile, frequency, wall):
-    """The Euler equations integrated from the rigid wall by another method meet the wall's law."""
-    alpha = complex(growing_wave(profile, frequency, wall))
-    p, v = shoot(profile, alpha, k_of(frequency))
-    assert -p / v == pytest.approx(wall, rel=1e-4)
-    assert alpha.imag > 10
-
-
-def test_the_growing_wave_runs_downstream():
-    """Briggs: with a source that is switched on ever faster it decays on its own side."""
-    alpha = growing_wave(TANH, 1000.0, 0.3)
-    a, wall = alpha * HEIGHT, torch.tensor((0.3 - 1) / (0.3 + 1), dtype=torch.complex128)
-    equation = PridmoreBrown(TANH, split=6)
-    for s in np.linspace(0, 2, 41):
-        kappa = torch.tensor([k_of(1000.0) * HEIGHT * (1 - 1j * s)])
-        for _ in range(4):
-            value, slope = with_slopes(lambda z, k=kappa: equation.residual(z, k, wall)[0], a)
-            a = a - value / slope
-    assert float(a.imag) < -0.5
-
-
-@pytest.mark.parametrize(
-    ("profile", "wall", "condition"),
-    [
-        (TANH, B2A, None),
-        (TANH, math.inf, None),
-        (STILL, 0.3, None),
-        (UNIFORM, 0.3, VELOCITY),
-        (ParabolicProfile(0.3, HEIGHT, SPEED), 0.3, None),
-    ],
-)
-def test_ducts_without_a_growing_wave(profile, wall, condition):
-    assert bool(torch.isnan(growing_wave(profile, 1500.0, wall, condition).real).all())
-
-
 def test_a_mesh_that_was_fine_enough_keeps_its_numbers():
     case = lined(TANH)
     with warnings.catch_warnings():
@@ -231,15 +182,13 @@ def test_a_mesh_that_was_fine_enough_keeps_its_numbers():
     assert found.finer_unknowns > wanted.mesh.unknowns
 
 
+@pytest.mark.filterwarnings("ignore:at 1500 Hz .* times the energy that comes in goes out")
 def test_fields_of_no_meaning_are_refused(monkeypatch):
-    said = r"grows along the liner, alpha = 227\.4\+38\.07j 1/m, by 165 dB over it, above 100 dB"
-    with pytest.raises(RuntimeError, match=said):
+    """A shear layer that feeds a wave above a soft wall: every mesh gives another field."""
+    with pytest.raises(RuntimeError, match=r"above 1 dB: the field is noise of the mesh"):
         solve_settled(DuctCase(TANH, -0.13, 0.7, (0.0, 0.5)), 1500.0, 0.3)
     monkeypatch.setattr(lee_settled, "SETTLED", 1e-9)
     with pytest.warns(tl.DataWarning, match=r"not settled: \d+ unknowns move that of \d+ by"):
-        solve_settled(lined(STILL), 1500.0, B2A)
-    monkeypatch.setattr(lee_settled, "REFUSED", 1e-9)
-    with pytest.raises(RuntimeError, match="the field is noise of the mesh"):
         solve_settled(lined(STILL), 1500.0, B2A)
 
 
@@ -247,9 +196,8 @@ def test_solve_states_its_doubts(tmp_path, capsys):
     words = ["solve", "b2a", "--impedance", "0.3", "--mesh", "0.02", "0.0005"]
     assert main(["duct", *words, "-o", str(tmp_path / "m.h5")]) == 0
     row = tl.read_microphones(tmp_path / "m.h5").provenance["plane_mode"][0]
-    assert row["growth over the liner (dB)"] == pytest.approx(49.65, abs=0.01)
     assert row["energy out"] > 1
-    assert row["mesh difference (dB)"] is None
+    assert "mesh difference (dB)" not in row
     total = row["energy out"] + row["energy absorbed"] + row["energy missing"]
     assert total == pytest.approx(1)
     assert f"{row['energy out']:.3g} times" in capsys.readouterr().err

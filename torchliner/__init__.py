@@ -42,7 +42,7 @@ _NAMES = {  # module: public names that live in it
     "duct.flow_profiles": "TanhProfile displacement_thickness",
     "duct.presets": "load_duct",
     "duct.solver": "DuctSolver",
-    "duct.settled": "solve_settled growing_wave",
+    "duct.settled": "solve_settled",
     "duct.modes": "duct_modes",
     "studies.audit": "audit",
     "studies.compare": "compare compare_models",

@@ -29,7 +29,6 @@ from torchliner.duct.flow_profiles import TanhProfile as TanhProfile
 from torchliner.duct.flow_profiles import displacement_thickness as displacement_thickness
 from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
-from torchliner.duct.settled import growing_wave as growing_wave
 from torchliner.duct.settled import solve_settled as solve_settled
 from torchliner.duct.solver import DuctSolver as DuctSolver
 from torchliner.engine.kernels import VelocityGrid as VelocityGrid

@@ -12,7 +12,6 @@ flow = tl.TanhProfile(0.3, 0.05)  # bulk Mach number, height of the duct in m
 y = torch.linspace(0, 0.025, 201, dtype=torch.float64)  # to the middle of the duct
 print(flow.displacement_thickness, tl.displacement_thickness(y, flow.velocity(y)))
 print(tl.duct_modes(flow, 1500.0, 2.33 - 0.30j, count=2).wavenumber)  # 1/m
-print(tl.growing_wave(flow, 1500.0, 0.3 + 0j))  # of the shear layer, nan where there is none
 
 alpha = tl.wavenumber_from_impedance(torch.tensor(2.33 - 0.30j), 1500.0, height=0.05, mach=0.3)
 print(tl.impedance_from_wavenumber(alpha, 1500.0, height=0.05, mach=0.3))

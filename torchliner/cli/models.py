@@ -129,7 +129,7 @@ def modes(options: argparse.Namespace) -> None:
     profile, f, wall = setup.case.profile, setup.frequency, setup.first_wall
     about = {"count": options.count, "slip_condition": setup.case.slip_condition}
     found = {each: tl.duct_modes(profile, f, wall, direction=each, **about) for each in names.DIRECTIONS}
-    show(options, of_modes(setup, found, tl.growing_wave(profile, f, wall, setup.case.slip_condition)))
+    show(options, of_modes(setup, found))
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:

@@ -2,5 +2,5 @@
 
 ``flow_profiles``; ``case`` and ``presets`` (stated in code, in files); ``dispersion`` (uniform flow) and ``modes``
 (sheared flow), whose roots ``numerics`` follows; the linearised Euler equations: ``mesh``, ``columns``, ``sweep`` (all
-columns, for every unit wave), ``solver`` (walls and ends), ``field`` and ``settled``.
+columns, for every unit wave), ``solver`` (walls and ends), ``field``, ``settled`` (a second mesh).
 """

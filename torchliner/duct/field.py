@@ -50,9 +50,7 @@ class DuctField:
         waves: X of ``sweep.py``, Pa, (..., F, D).
         energy: out and absorbed over that which comes in, (..., F).
         impedance: Z of the wall as it was asked for.
-        growth, growing: of ``solve_settled``: growth over the liner of a growing wave, dB, (F,), 0 where none was
-            found, and its wavenumber, 1/m, (F,), nan there.
-        difference: by which a finer mesh moves transmission and levels, dB, (F,); nan where one mesh was stated.
+        difference: of ``solve_settled``: by which a finer mesh moves transmission and levels, dB, (F,).
         finer_unknowns: of that mesh.  notes: warnings, with numbers.
     """
 
@@ -61,8 +59,6 @@ class DuctField:
     waves: Tensor
     energy: EnergyBalance
     impedance: Any = None
-    growth: Tensor | None = None
-    growing: Tensor | None = None
     difference: Tensor | None = None
     finer_unknowns: int | None = None
     notes: tuple[str, ...] = ()
@@ -141,13 +137,8 @@ class DuctField:
             "energy absorbed": self.energy.absorbed,
             "energy missing": self.energy.missing,
         }
-        if self.growing is not None:
-            columns |= {
-                "growing wave real (1/m)": self.growing.real,
-                "growing wave imaginary (1/m)": self.growing.imag,
-                "growth over the liner (dB)": self.growth,
-                "mesh difference (dB)": self.difference,
-            }
+        if self.difference is not None:
+            columns["mesh difference (dB)"] = self.difference
         lists = {name: [v if math.isfinite(v) else None for v in part.tolist()] for name, part in columns.items()}
         return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
 

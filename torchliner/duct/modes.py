@@ -38,20 +38,16 @@ CHUNK = 256  # modes followed at once: some 40 MB of matrices
 
 
 class PridmoreBrown:
-    """The equations in one flow, on ``POINTS`` nodes in each of K panels, each panel cut into ``split`` parts.
-
-    ``myers``: condition with the factor of slip.
+    """The equations in one flow, on ``POINTS`` nodes in each of K panels; ``myers``: with the factor of slip.
 
     Attributes:
         mach, mach_slope: M and dM/deta at the nodes, (K, N).  nodes: eta, (K, N), falling.
         integral: from the first node of each panel, along falling eta, complex128, (K, N, N).
     """
 
-    def __init__(
-        self, profile: MeanFlow, myers: bool = False, device: torch.device | None = None, split: int = 1
-    ) -> None:
+    def __init__(self, profile: MeanFlow, myers: bool = False, device: torch.device | None = None) -> None:
         self.bulk, self.myers, height = profile.bulk_mach, myers, profile.duct_height
-        edges, inner = _panel_edges(profile, split), chebyshev_points(POINTS)
+        edges, inner = _panel_edges(profile), chebyshev_points(POINTS)
         widths = np.diff(edges)[::-1, None]  # from the rigid wall down: the first panel ends at eta = 1
         nodes = (edges[:0:-1, None] - widths * inner).clip(0, 1)
         y = (height * nodes).clip(0, height)
@@ -83,15 +79,15 @@ class PridmoreBrown:
         pressure, flux = torch.stack(found, 2).flatten(2).unbind(1)
         return pressure, flux
 
-    def residual(self, a: Tensor, kappa: Tensor, reflection: Any, share: Any = 1.0) -> tuple[Tensor, Tensor]:
-        """F and p at the wall, (M,), for walls of the reflection R, (M,)."""
+    def residual(self, a: Tensor, kappa: Tensor, reflection: Any, share: Any = 1.0) -> Tensor:
+        """F, (M,), for walls of the reflection R, (M,)."""
         pressure, flux = (part[:, -1] for part in self.solve(a, kappa, share))
         mach = self.bulk + share * (self.mach[-1, -1] - self.bulk)
         wall = (1 - a * mach / kappa if self.myers else 1) * pressure
-        return (1 - reflection) * wall + (1 + reflection) * (kappa - a * mach) * flux, pressure
+        return (1 - reflection) * wall + (1 + reflection) * (kappa - a * mach) * flux
 
 
-def _panel_edges(profile: MeanFlow, split: int) -> np.ndarray:
+def _panel_edges(profile: MeanFlow) -> np.ndarray:
     """Panels over 0..1, doubling from the walls, the first half of where M' would reach M_b."""
     # A wave with |a| > kappa/M has sigma = 0 at a complex y near a wall, where the solution is singular.
     slope = abs(float(profile.mach_slope(0.0))) * profile.duct_height
@@ -101,8 +97,7 @@ def _panel_edges(profile: MeanFlow, split: int) -> np.ndarray:
         edges.append(edges[-1] + width)
         width = min(2 * width, WIDEST)
     half = np.array(edges) * (0.5 / edges[-1])
-    whole = np.concatenate([half, 1 - half[-2::-1]])
-    return np.interp(np.arange(split * (len(whole) - 1) + 1) / split, np.arange(len(whole)), whole)
+    return np.concatenate([half, 1 - half[-2::-1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +152,7 @@ def duct_modes(
 ) -> DuctModes:
     r"""Pridmore-Brown modes of a plane duct, lined at y = 0 and rigid at y = H.
 
-    A wave that grows out of no rigid mode is not among them: see ``growing_wave``.
+    A wave that grows out of no rigid mode is not among them.
 
     Args:
         profile: mean flow M(y).  frequency: Hz, (F,).
@@ -203,7 +198,7 @@ def rigid_modes(profile: MeanFlow, kappa: Tensor, count: int, direction: str) ->
     equation, each = PridmoreBrown(profile, device=kappa.device), kappa.repeat_interleave(count)
 
     def value(a: Tensor, t: Tensor, k: Tensor) -> Tensor:
-        return equation.residual(a, k * (1 - 1j * DAMPED * (1 - t)), 1.0, t)[0]
+        return equation.residual(a, k * (1 - 1j * DAMPED * (1 - t)), 1.0, t)
 
     return _followed(value, start.reshape(-1), each, each).reshape(-1, count)
 
@@ -212,13 +207,13 @@ def _lined(equation: PridmoreBrown, rigid: Tensor, kappa: Tensor, wall: Tensor) 
     """alpha H, (M,), and p, u, v over the nodes, (M, P), of modes followed from rigid ones to the wall's R."""
 
     def value(a: Tensor, t: Tensor, k: Tensor, r: Tensor) -> Tensor:
-        return equation.residual(a, k, 1 + t * (r - 1))[0]
+        return equation.residual(a, k, 1 + t * (r - 1))
 
     a = _followed(value, rigid, kappa, kappa, wall.detach())
     if wall.requires_grad:
         # One more step of Newton's, from a root: it moves nothing, but hands derivatives by R on.
         _, slope = with_slopes(lambda z: value(z, torch.ones_like(kappa), kappa, wall.detach()), a)
-        a = a - equation.residual(a, kappa, wall)[0] / slope
+        a = a - equation.residual(a, kappa, wall) / slope
     pressure, flux = equation.solve(a, kappa)
     local = kappa[:, None] - a[:, None] * equation.mach.flatten()
     axial = a[:, None] * pressure / local + 1j * equation.mach_slope.flatten() * flux

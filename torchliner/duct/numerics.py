@@ -7,7 +7,6 @@ neighbour: F' may change over it by 0.3, and the Newton-Kantorovich number |F F'
 most 0.05. Where two roots meet, F' = 0, the steps shrink to nothing and the root stalls, unless they meet at t = 1.
 """
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -74,13 +73,9 @@ def with_slopes(function: Callable[..., Tensor], *at: Tensor) -> tuple[Tensor, .
     return value.detach(), *(slope.conj() for slope in slopes)
 
 
-def newton(
-    function: Callable[[Tensor], tuple[Tensor, ...]], z: Tensor, steps: int = POLISHING, longest: float = math.inf
-) -> tuple[Tensor, Tensor]:
-    """Newton's method on F and F' from z, (N,): the roots, and the size of each one's last correction.
-
-    Corrections are cut to ``longest``, of |z|. One that is small and shrinks no more is rounding and is left out.
-    """
+def newton(function: Callable[[Tensor], tuple[Tensor, ...]], z: Tensor, steps: int) -> tuple[Tensor, Tensor]:
+    """Newton's method on F and F' from z, (N,): the roots, and the size of each one's last correction; one that is
+    small and shrinks no more is rounding and is left out."""
     last = torch.full_like(z.real, torch.inf)
     for _ in range(steps):
         value, slope = function(z)
@@ -88,8 +83,6 @@ def newton(
         size = change.abs()
         moves = (size < last) | (size > NOISE * z.abs())
         last = torch.where(moves, size, last)
-        if math.isfinite(longest):
-            change = change * (longest * z.abs() / size).clamp(max=1)
         z = torch.where(moves, z - change, z)
         if bool((last <= ROUNDING * z.abs()).all()):
             break

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.presets import DuctSetup
@@ -24,7 +23,7 @@ EDUCED = ("impedance", "low", "high", "deviation", "wavenumber", "energy_share",
 NEPER = 20 * math.log10(math.e)  # dB
 ROUNDING = 1e-12
 MOST_DRAWN = 6  # frequencies along a wall
-MESH, GROWTH = "mesh difference (dB)", "growth over the liner (dB)"
+MESH = "mesh difference (dB)"
 
 
 def of_wall(*found: WallEduction | FieldFit) -> Answer:
@@ -117,7 +116,7 @@ def of_line(line: MicrophoneLine) -> Answer:
         )
     at = torch.linspace(0, len(modes) - 1, min(len(modes), MOST_DRAWN)).round().int().tolist()
     liner = (solved.get("duct") or {}).get("liner") or []
-    row, grown = (max(modes, key=lambda each: each.get(name) or 0.0) for name in (MESH, GROWTH))
+    row = max(modes, key=lambda each: each.get(MESH) or 0.0)
     check, moved = "no second mesh was solved", row.get(MESH)
     if moved is not None:
         within = "within" if moved <= SETTLED else "above"
@@ -126,9 +125,6 @@ def of_line(line: MicrophoneLine) -> Answer:
         f"At {row['frequency (Hz)']:g} Hz the duct takes {row['transmission loss (dB)']:.2f} dB from the plane wave of "
         f"a source {line.source_side}; {check}."
     ]
-    if grown.get(GROWTH):
-        words = f"a hydrodynamic wave grows by {grown[GROWTH]:.3g} dB over the liner"
-        sentences.append(f"At {grown['frequency (Hz)']:g} Hz {words}.")
     microphones = table_of(_microphones(line), "frequency,x,spl,phase")
     words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
     waves = [(f"{float(line.frequency[f]):g} Hz", None, line.x, line.pressure[:, f]) for f in dict.fromkeys(at)]
@@ -147,34 +143,23 @@ def of_line(line: MicrophoneLine) -> Answer:
     )
 
 
-def of_modes(setup: DuctSetup, modes: Mapping[str, Any], growing: Tensor) -> Answer:
-    """One row per frequency, direction and mode; decay in dB over the liner's length too, below 0 of a wave that grows
-    in its direction.
-
-    The growing wave (1/m, (F,), nan for none) has no number.
-    """
-    f = setup.frequency
+def of_modes(setup: DuctSetup, modes: Mapping[str, Any]) -> Answer:
+    """One row per frequency, direction and mode; decay in dB over the liner's length too."""
     rows: list[Row] = []
     for direction, solved in modes.items():
         mode = torch.arange(solved.wavenumber.shape[-1])
-        several = rows_of(frequency=f[:, None], mode=mode, wavenumber=solved.wavenumber)
+        several = rows_of(frequency=setup.frequency[:, None], mode=mode, wavenumber=solved.wavenumber)
         rows += [{"direction": direction} | row for row in several]
-    every = rows_of(frequency=f, direction="downstream", mode=None, wavenumber=growing)
-    grown = [row for row in every if row["wavenumber"] == row["wavenumber"]]
     length = setup.case.liner[0][1] - setup.case.liner[0][0] if setup.case.liner else math.nan
-    for row in (rows := rows + grown):
+    for row in rows:
         alpha, sign = row["wavenumber"], -1 if row["direction"] == "downstream" else 1
         decay = 0.0 if abs(alpha.imag) < ROUNDING * abs(alpha) else sign * NEPER * alpha.imag
         row |= {"decay": decay, "decay over liner (dB)": decay * length}
-    wave = "no growing wave was found"
-    if grown:
-        at = ", ".join(f"{row['frequency']:g}" for row in grown)
-        wave = f"a hydrodynamic wave without a number grows downstream at {at} Hz"
     return Answer(
         title=f"Modes of {setup.name}",
         lines=[
-            f"Waves e^(-j alpha x) above the first liner; mode n grew out of the rigid duct's mode n as the wall's "
-            f"reflection went straight from 1; {wave}."
+            "Waves e^(-j alpha x) above the first liner; mode n grew out of the rigid duct's mode n as the wall's "
+            "reflection went straight from 1."
         ],
         table=table_of(rows, "frequency,direction,mode,wavenumber,decay,decay over liner (dB)"),
         more={"duct": setup.facts},
