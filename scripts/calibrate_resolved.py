@@ -35,7 +35,7 @@ def rows_of() -> list[Row]:
             fitted = [planes[case] for case in cases]
             found = tl.calibrate(fitted, liner, "true", free, averaging=averaging, noise=NOISE)
             for target in targets:
-                (row,) = found.predict(planes[target], liner, noise=SCATTER[target])
+                (row,) = found.predict(planes[target], noise=SCATTER[target])
                 rows.append(Row(row, averaging=averaging, label=target))
     return rows
 

@@ -50,7 +50,7 @@ def rows_of() -> list[Row]:
             values = "" if each is curve else ", ".join(f"{name} {value:.3g}±{u:.1g}" for (name, value), u in pairs)
             about = {"liner": name, "model": each.label, "error": each.error, "misfit": each.fit.misfit}
             for row in each.rows:
-                mine = Row(about, run=row.group, values=values, impedance=row.impedance)
+                mine = Row(about, run=row.label, values=values, impedance=row.impedance)
                 rows.append(Row(mine, fitted=row.fitted, true=row.true))
     return rows
 

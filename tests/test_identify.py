@@ -107,61 +107,34 @@ def test_curves_are_monotone_and_passive(parameters, top, rising):
     assert float(found.imag[beyond].diff().abs().max()) <= tiny
 
 
-@pytest.mark.parametrize("references", ["values", "level-check"])
-def test_the_jacobian_of_a_fit_is_exact(references):
-    if references == "values":
-        runs, options = planes(LEVELS[:3]), {"references": known(LEVELS[:3])}
-    else:
-        runs = [normal(level) for level in (110.0, 125.0, 140.0)]
-        options = {"references": "level-check"}
-    found = tl.identify(runs, base(), freedom=1.0, averaging=ORDER, **options)
-    fit = found.fit
-    at = fit.values
-    left, slopes = residuals_of(fit.law, at, fit.runs)
-    assert fit.data == (6 if references == "values" else 3)
-    assert len(left) == fit.data + len(fit.law.prior)
+def test_the_jacobian_of_a_fit_is_exact():
+    fit = tl.identify(planes(LEVELS[:3]), base(), known(LEVELS[:3]), freedom=1.0, averaging=ORDER).fit
+    left, slopes = residuals_of(fit.law, fit.values, fit.runs)
+    assert len(left) == 6 + len(fit.law.prior)
     for i in (0, 1, 5, 12, 30):
-        step = torch.zeros_like(at)
+        step = torch.zeros_like(fit.values)
         step[i] = 1e-5
-        moved = [residuals_of(fit.law, at + sign * step, fit.runs)[0] for sign in (1, -1)]
+        moved = [residuals_of(fit.law, fit.values + sign * step, fit.runs)[0] for sign in (1, -1)]
         central = (moved[0] - moved[1]) / 2e-5
         assert slopes[:, i].tolist() == pytest.approx(central.tolist(), rel=1e-4, abs=1e-6)
 
 
-def normal(level):
-    """A tone at normal incidence on the true liner, closed by its own Z: level and velocity."""
-    pressure = 2e-5 * math.sqrt(2) * 10 ** (level / 20)
-    liner, speed = true_liner(), 0.0
-    for _ in range(9):  # |v| of the instant drives R: a sinusoid of this amplitude
-        plane = sinusoid(max(speed, 1e-4))
-        speed = speed / 2 + 2 * pressure / (411.0 * abs(impedance(plane, liner) + 1)) / 2
-    about = {"incident_level": level, "source_side": "normal", "height": 1e-6, "name": f"{level:g} dB"}
-    return dataclasses.replace(sinusoid(speed), **about)
-
-
-def sinusoid(amplitude):
-    time = torch.arange(480, dtype=torch.float64) / 42000.0
-    return plane_of(amplitude * torch.cos(2 * math.pi * FREQUENCY * time).expand(2, -1), x=[0.0, 1e-3])
-
-
-@pytest.mark.parametrize("groups", [None, ["a", "a", "b", "c", "d"]])
-def test_leaving_out_is_a_refit_by_hand(groups):
-    found = curve_of() if groups is None else curve_of(groups=tuple(groups))
-    own = [run.group for run in found.fit.runs]
-    for run, row in zip(found.fit.runs, found.rows, strict=True):
-        left = without(found.fit, [i for i, name in enumerate(own) if name == run.group])
-        (by_hand,) = left.rows_of(run)
+@pytest.mark.parametrize("cases", ["abcde", "aabcd"])
+def test_leaving_out_is_a_refit_by_hand(cases):
+    """Planes of one case are one run."""
+    facts = (dataclasses.replace(each.plane, provenance={"case": c}) for each, c in zip(planes(), cases, strict=True))
+    runs = [dataclasses.replace(each, plane=plane) for each, plane in zip(planes(), facts, strict=True)]
+    found = tl.identify(runs, base(), known(), noise=1e-3, freedom=1.0, averaging=ORDER)
+    fit, squares = found.fit, {}
+    for run, row in zip(fit.runs, found.rows, strict=True):
+        others = [other for other in fit.runs if other.case != run.case]
+        (by_hand,) = fit_law(fit.law, others, fit.choices, fit.knots, stated=True).rows_of(run)
         assert row.impedance == pytest.approx(by_hand.impedance, abs=1e-8)
         assert row.standard == pytest.approx(by_hand.standard)
         assert row.fitted != pytest.approx(row.impedance, abs=1e-4)
-    if groups is None:
-        squares = [row.off**2 for row in found.rows]
-        assert found.candidates[0].error == pytest.approx((sum(squares) / len(squares)) ** 0.5)
-
-
-def without(fit, left_out):
-    others = [run for i, run in enumerate(fit.runs) if i not in left_out]
-    return fit_law(fit.law, others, fit.choices, fit.knots, stated=True)
+        squares.setdefault(row.label, []).append(row.off**2)
+    mean = sum(sum(each) / len(each) for each in squares.values()) / len(squares)
+    assert found.candidates[0].error == pytest.approx(mean**0.5)
 
 
 def test_parameters_are_recovered_and_chosen():
@@ -200,7 +173,7 @@ def test_several_frequencies_have_a_curve_each():
     one = tl.identify(runs, base(), [z[1] for z in wanted], freedom=1.0, noise=1e-3, averaging=ORDER)
     both = [each.fit.band(FREQUENCY, [0.2, 1.0, 2.0])[0].tolist() for each in (found, one)]
     assert both[0] == pytest.approx(both[1], rel=0.01)
-    with pytest.raises(ValueError, match=r"no curve is known at 700 Hz: .* 1000, 1400 Hz"):
+    with pytest.raises(ValueError, match=r"no curve is known at 700 Hz, but at 1000, 1400 Hz"):
         found.fit.predict(runs[0], frequency=700.0)
 
 
@@ -208,10 +181,6 @@ def test_several_frequencies_have_a_curve_each():
     ("changes", "message"),
     [
         ({"planes": 2}, r"2 run\(s\) \(run 0.2, run 0.7\) .* at least 3"),
-        ({"groups": ["a"] * 5}, r"1 run\(s\) \(a\) cannot tell"),
-        ({"groups": ["a"]}, r"1 groups for 5 planes"),
-        ({"references": [-0.1 + 1j, *known()[1:]]}, r"run 0.2: its reference has a resistance of -0.1"),
-        ({"references": "level-check"}, r"run 0.2 cannot be fitted to its level"),
         ({"models": [("mas_loss",)]}, r"unknown parameter 'mas_loss' \(did you mean 'mass_loss'\?"),
         ({"models": []}, r"no model is named"),
         ({"models": [{"mach": (0.0, 0.5)}]}, r"mach is that of each plane"),
@@ -285,8 +254,8 @@ def test_bands_cover_the_truth():
         noise = torch.randn(len(first.runs), 2, generator=generator, dtype=torch.float64)
         made = []
         for run, away in zip(first.runs, noise, strict=True):
-            z = run.impedance(shape.curve(drawn, liner, lines, run.nodes.speeds)) + 0.01 * torch.complex(*away)
-            made.append(dataclasses.replace(run, wanted=z, noise=torch.full_like(run.noise, 0.01 + 0.01j)))
+            z = run.impedance(shape.curve(drawn, liner, lines, run.speeds)) + 0.01 * torch.complex(*away)
+            made.append(dataclasses.replace(run, wanted=z, noise=0.01 + 0.01j))
         _best, low, high = fit_law(first.law, made, first.choices, first.knots, stated=True).band(FREQUENCY, speed)
         (wanted,) = shape.curve(drawn, liner, lines, speed)
         for part in ("real", "imag"):

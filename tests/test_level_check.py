@@ -338,19 +338,3 @@ def test_a_level_is_that_of_the_stated_tone(onera):
     other = tl.educe_bursts([record], onera, 1000.0, segment=0.04)
     assert other.level_check is None
     assert "nothing is known at the frequencies asked for" in other.level_check_words
-
-
-@pytest.mark.parametrize("order", ["velocity", "phase-locked"])
-def test_levels_alone_give_the_parameters(order):
-    """Two losses from three levels, no reference; what is left is rounding."""
-    start, planes = dataclasses.replace(MODEL, r0=0.3, a=0.5), []
-    for speed in (1.0, 2.0, 3.0):
-        velocity, amplitude = square_wave(speed)
-        level = incident_level_of(amplitude, complex(MODEL.impedance(FREQUENCY, speed)))
-        planes.append(plane(velocity, incident_level=level))
-    free = {"r0": (0.05, 1.0), "a": (0.05, 1.0)}
-    found = tl.calibrate(planes, start, "level-check", free, averaging=order)
-    assert found.values.tolist() == pytest.approx([0.2, 0.3], rel=1e-6)
-    assert found.data == 3
-    assert max(abs(row.level_check) for row in found.rows) < 1e-5
-    assert found.rows[0].true is None

@@ -50,7 +50,6 @@ WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or
 SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
 BASE = "drive running_window mean wall_filter missing background minimum_coherence interval level_limit "
 BASE += "level_uncertainty level_matched allow_short device dtype"
-KNOWN = "name of an impedance in the files, 'level-check' (the stated level alone), or one "
 SHARED: dict[str, tuple[Option | Of, ...]] = {
     "plane": (Option("plane", f"file of a plane, {ANY}", FILE), *READING),
     "planes": (Option("planes", f"files of planes, {ANY}", FILE, "+"), *READING),
@@ -95,9 +94,15 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
         Option("--impedance", "R+Xj or rigid, one a lined patch; default: the duct's", WALL, "+", to="chosen"),
     ),
     "fit": (
-        Option("--reference", f"{KNOWN}value each, e.g. 0.168-0.066j; default true", TEXT, "+", ["true"]),
+        Option(
+            "--reference",
+            "impedance named in the files, or one each, as 0.168-0.066j; default true",
+            TEXT,
+            "+",
+            ["true"],
+        ),
         Option("--predict", "planes to predict; default: none", FILE, "+", []),
-        Option("--noise", "standard uncertainty of R and X of the references, of levels dB", NUMBER),
+        Option("--noise", "standard uncertainty of R and X of the references", NUMBER),
     ),
     "fixed": (choices("drive mean missing allow_short"),),
 }

@@ -18,11 +18,10 @@ from torchliner.cli.work import (
 from torchliner.liners.catalogue import liner_text
 from torchliner.report.answer import answer_of
 from torchliner.report.curves import draw_comparison
-from torchliner.studies.calibrate import AVERAGING, calibrate_without_flow
-from torchliner.studies.fit import OUTSIDE, with_flow
+from torchliner.studies.calibrate import AVERAGING, NOISE, calibrate_without_flow, with_flow
+from torchliner.studies.fit import OUTSIDE
 from torchliner.studies.heights import study_heights
 from torchliner.studies.laws import bounds_for
-from torchliner.studies.runs import LEVEL_CHECK
 from torchliner.studies.validation import validate as validate_plane
 from torchliner.studies.variants import Row
 
@@ -99,17 +98,16 @@ def calibrate(options: argparse.Namespace) -> int:
     known, predicted, liner = _planes(options)
     references, free = _references(options.reference), _bounds(options.free, liner)
     averaging = options.averaging or ("velocity" if free else AVERAGING)
-    chosen = options.chosen | {"averaging": averaging, "noise": options.noise}
-    law, words, how = liner, "", "calibrated"
+    chosen, words, how = options.chosen | {"averaging": averaging}, "", "calibrated"
     if free:
-        found = tl.calibrate(known, liner, references, free, **chosen)
+        found = tl.calibrate(known, liner, references, free, noise=options.noise, **chosen)
     else:
-        found, scores = calibrate_without_flow(known, liner, references, **chosen)
-        law, (low, high) = found.runs[0].liner, found.seen_speeds
+        found, scores = calibrate_without_flow(known, liner, references, noise=options.noise or NOISE, **chosen)
+        low, high = found.seen_speeds
         how += f" without flow at |v| of {low:.3g} to {high:.3g} m/s"
         left_out = ", ".join(f"{name} {score:.3f}" for name, score in scores.items())
         words = f"law: {type(found.liner).__name__}; error of reactances left out: {left_out}; {how}"
-    rows = _predicted(found, predicted, law, options, 0.0 if references == LEVEL_CHECK else options.noise)
+    rows = _predicted(found, predicted, options, options.noise or 0.0)
     show(options, found, lambda path: _write(found, liner.name, how, path, options), predicted=rows, words=words)
     return int(bool(found.on_bound or found.unseen))
 
@@ -124,7 +122,7 @@ def identify(options: argparse.Namespace) -> int:
     about = {"models": models or [CURVE], "noise": options.noise, "frequency": options.frequency}
     found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)
     fit = found.fit
-    rows = _predicted(fit, predicted, liner, options, 0.0)
+    rows = _predicted(fit, predicted, options)
     show(options, found, lambda path: _write(fit, liner.name, "identified", path, options), predicted=rows)
     return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
 
@@ -136,11 +134,11 @@ def _planes(options: argparse.Namespace) -> tuple[list[Any], list[Any], Any]:
     return both[:count], both[count:], only_liner(options, both, paths)
 
 
-def _predicted(found: Any, records: list[Any], liner: Any, options: Any, noise: Any) -> list[Any]:
+def _predicted(found: Any, records: list[Any], options: Any, noise: float = 0.0) -> list[Any]:
     """Rows of the planes of --predict, labelled by their files."""
-    about = {"reference": options.reference[0], "noise": complex(noise or 0.0, noise or 0.0)}
+    about = {"reference": options.reference[0], "noise": complex(noise, noise)}
     labelled = zip(options.predict, records, strict=True)
-    return [Row(row, label=path.stem) for path, each in labelled for row in found.predict(each, liner, **about)]
+    return [Row(row, label=path.stem) for path, each in labelled for row in found.predict(each, **about)]
 
 
 def _pairs(texts: list[str], option: str, read: Any = float) -> dict[str, tuple[Any, ...]]:

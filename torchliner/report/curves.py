@@ -23,7 +23,8 @@ from torchliner.report.maps import (
     mark_cells,
     over_surface,
 )
-from torchliner.report.table import Row, rows_of
+from torchliner.report.table import Row
+from torchliner.studies.variants import rows_of
 from torchliner.velocity.reading import time_moments
 
 ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))  # of averaging, in situ

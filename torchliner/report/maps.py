@@ -8,7 +8,8 @@ import numpy as np
 
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.report import figure as look
-from torchliner.report.table import Row, rows_of
+from torchliner.report.table import Row
+from torchliner.studies.variants import rows_of
 
 ENDS = (1, 99)  # %, of the probes: single ones over a hard spot would hide the rest
 FLAT = 1e-3  # mm, within which places lie on a line

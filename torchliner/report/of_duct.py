@@ -17,7 +17,8 @@ from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.report import fields
 from torchliner.report.answer import Answer, Grid, Picture, row_words
 from torchliner.report.maps import distinct
-from torchliner.report.table import Row, bounds_of, rows_of, table_of
+from torchliner.report.table import Row, bounds_of, table_of
+from torchliner.studies.variants import rows_of
 
 EDUCED = ("impedance", "low", "high", "deviation", "wavenumber", "energy_share", "end_reflection", "residual")
 NEPER = 20 * math.log10(math.e)  # dB

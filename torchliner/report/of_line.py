@@ -18,7 +18,8 @@ from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row
 from torchliner.report.curves import ORDERS, draw_points, points_along_x
 from torchliner.report.fields import draw_lines
 from torchliner.report.of_map import level_line, state_of
-from torchliner.report.table import Row, rows_of, table_of
+from torchliner.report.table import Row, table_of
+from torchliner.studies.variants import rows_of
 
 OF_STATION = ("x", "y", "rate", "mean_velocity", "velocity_rms")
 STATIONS = (

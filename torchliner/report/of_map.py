@@ -22,9 +22,10 @@ from torchliner.report.maps import (
     over_surface,
     probe_rows,
 )
-from torchliner.report.table import STATISTICAL, Row, rows_of, table_of
+from torchliner.report.table import STATISTICAL, Row, table_of
 from torchliner.studies.compare import compare
 from torchliner.studies.validation import nearest_case
+from torchliner.studies.variants import rows_of
 from torchliner.velocity.background import background_words
 
 MATCHED = "level-matched"

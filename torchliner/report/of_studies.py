@@ -10,17 +10,17 @@ import torch
 from torchliner.report import studies
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words
 from torchliner.report.curves import draw_comparison
-from torchliner.report.table import Table, bounds_of, format_complex, rows_of, table_of
+from torchliner.report.table import Table, bounds_of, format_complex, table_of
 from torchliner.studies.fit import Fit
-from torchliner.studies.sensitivities import Sensitivities, correlation_of
+from torchliner.studies.sensitivities import Sensitivities
 from torchliner.studies.validation import DEFAULT, errors_by_rule
-from torchliner.studies.variants import Row, Study
+from torchliner.studies.variants import Row, Study, rows_of
 from torchliner.velocity.ir_tdibc_wall import LevelCurve
 
 SPEEDS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, at which a curve is shown
 TRUTH = "case,height,drive,mean,phase,averaging,educed,true,in_situ,low,high,error,level_check,speed,velocity_rms,mach,"
 TRUTH += "incident_level,periods"
-PREDICTED = "label,frequency,height,before,impedance,standard,fitted,level_check,true,misses,outside"
+PREDICTED = "label,frequency,height,before,impedance,standard,fitted,true,misses,outside"
 
 
 def of_audit(found: Study) -> Answer:
@@ -108,7 +108,8 @@ def of_sensitivities(
         rows = sorted(map(Row, columns), key=lambda row: (frequency.index(row.frequency), -abs(row.step)))
     else:
         shown, meaning = "half_width,standard,impedance.real,impedance.imag", f"tolerances are {limits}"
-        together = [correlation_of(each) for each in budget.covariance[averaging]]
+        covariance = budget.covariance[averaging]
+        together = (covariance[:, 0, 1] / (covariance[:, 0, 0] * covariance[:, 1, 1]).sqrt()).nan_to_num(0).tolist()
         for i, (f, total) in enumerate(zip(frequency, budget.combined[averaging].tolist(), strict=True)):
             rows += budget.of(averaging=averaging, frequency=f)
             rows.append(Row(averaging=averaging, frequency=f, parameter="combined", impedance=total))

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from torchliner.io.csv_rows import write_rows
 
 Row = dict[str, Any]
@@ -188,19 +186,6 @@ def table_of(rows: Iterable[Mapping[str, Any]], shown: str = "", csv: str | None
     columns = [_column(name) for name in shown.split(",") if name]
     known = [column for column in columns if any(column.value(row) not in (None, "") for row in rows)]
     return Table(rows, known, None if csv is None else csv.split(","))
-
-
-def rows_of(**columns: Any) -> list[Row]:
-    """A row a value of columns: tensors, arrays and single values (also None) that go together by broadcasting.
-
-    An ``interval``, or None, becomes ``low`` and ``high``.
-    """
-    if "interval" in columns:
-        interval = columns.pop("interval")
-        columns |= {end: getattr(interval, end, None) for end in ("low", "high")}
-    plain = [value.tolist() if hasattr(value, "tolist") else value for value in columns.values()]
-    arrays = np.broadcast_arrays(*(np.asarray(value, dtype=object) for value in plain))
-    return [dict(zip(columns, values, strict=True)) for values in zip(*(each.flat for each in arrays), strict=True)]
 
 
 def parts_of(name: str) -> tuple[str, str]:

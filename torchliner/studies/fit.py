@@ -7,28 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 from scipy.special import stdtrit
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, tell
-from torchliner.liners.model import Liner, LinerModel, as_liner
-from torchliner.liners.sdof import AdjustedSDoFLiner, FlowSDoFLiner, SDoFLiner
+from torchliner.conversions import reflection_from_impedance
+from torchliner.liners.model import LinerModel
 from torchliner.liners.tabulated import TabulatedLiner
 from torchliner.studies.laws import Knots, Law, impedances_at
-from torchliner.studies.runs import (
-    NEPER,
-    Run,
-    curves_at_nodes,
-    impedances,
-    read_runs,
-    residuals_of,
-    weights_of,
-    with_slopes,
-)
-from torchliner.studies.sensitivities import correlation_of, covariance_of, standard_of
-from torchliner.studies.variants import Records, Row
+from torchliner.studies.runs import Run, curves_at_nodes, impedances, read_runs, residuals_of, with_slopes
+from torchliner.studies.sensitivities import covariance_of, standard_of
+from torchliner.studies.variants import Records, Row, rows_of
 from torchliner.velocity.choices import Choices
 
 START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
@@ -75,7 +65,7 @@ class Fit:
     @property
     def data(self) -> int:
         """How many numbers the runs are held to."""
-        return sum(run.data for run in self.runs)
+        return len(self.residuals) - len(self.law.prior)
 
     @property
     def freedom(self) -> int:
@@ -127,18 +117,18 @@ class Fit:
     def weights(self, runs: Sequence[Run]) -> Tensor:
         """Share of each spline of ``knots`` in Z of each plane and frequency, (D, n)."""
         curves = curves_at_nodes(self.law, self.values, runs)
-        return torch.cat([weights_of(run, z, self.knots) for run, z in zip(runs, curves, strict=True)])
+        return torch.cat([run.splines(z, self.knots) for run, z in zip(runs, curves, strict=True)])
 
     @functools.cached_property
-    def seen(self) -> tuple[int, int]:
-        """The first and the last spline that the runs see."""
-        known = (self.weights(self.runs).amax(0) >= SEEN).nonzero()[:, 0]
-        return int(known[0]), int(known[-1])
+    def seen(self) -> Tensor:
+        """The splines that the runs see, from the first to the last, (n,)."""
+        known = self.weights(self.runs).amax(0) >= SEEN
+        return (known.cumsum(0) > 0) & (known.flip(0).cumsum(0).flip(0) > 0)
 
     @property
     def seen_speeds(self) -> tuple[float, float]:
         """Least and greatest |v| about which the runs say something, m/s."""
-        first, last = self.seen
+        first, last = self.seen.nonzero()[[0, -1], 0].tolist()
         # A spline reaches two steps to either side, and at rest nothing is slower.
         return float(self.knots.speeds[max(first - 2, 0)]), float(self.knots.speeds[last])
 
@@ -150,61 +140,50 @@ class Fit:
     def rows_of(self, run: Run, noise: complex = 0j) -> list[Row]:
         """A row a frequency of what the fit makes of a run, see ``predict``."""
         z, by = with_slopes(lambda at: impedances(self.law, at, [run])[0], self.values)
-        spread = covariance_of(by.movedim(-1, 0), self.covariance)
-        standard = standard_of(spread)
-        before = run.impedance(impedances_at(run.in_flow, run.frequency, run.nodes.speeds))
-        weights, (first, last), plane = self.weights([run]), self.seen, run.plane
-        outside, rows = weights[:, :first].sum(1) + weights[:, last + 1 :].sum(1), list[Row]()
-        for i, f in enumerate(run.frequency.tolist()):
-            row = Row(label=str(plane.provenance.get("case") or plane.name), group=run.group, frequency=f)
-            row |= {"height": plane.height, "before": complex(before[i]), "impedance": complex(z[i])}
-            row |= {"standard": complex(standard[i]), "correlation": correlation_of(spread[i])}
-            row |= {"outside": float(outside[i]), "true": None, "misses": None, "off": None, "level_check": None}
-            if run.ratio is not None:
-                row |= {"level_check": float(run.level(z)[i]) / NEPER, "off": float(run.off(z)[i])}
-            elif run.wanted is not None:
-                miss, u = z[i] - run.wanted[i], row.standard
-                scatter = [math.hypot(u.real, noise.real), math.hypot(u.imag, noise.imag)]
-                misses = (torch.view_as_real(miss) / torch.tensor(scatter, dtype=torch.float64)).tolist()
-                row |= {"true": complex(run.wanted[i]), "misses": complex(*misses), "off": float(run.off(z)[i])}
-            rows.append(row)
-        return rows
+        standard = standard_of(covariance_of(by.movedim(-1, 0), self.covariance))
+        misses = off = None
+        if run.wanted is not None:
+            spread = torch.view_as_real(standard).hypot(torch.tensor([noise.real, noise.imag], dtype=torch.float64))
+            misses = torch.view_as_complex(torch.view_as_real(z - run.wanted) / spread)
+            off = (reflection_from_impedance(run.wanted) - reflection_from_impedance(z)).abs()
+        return rows_of(
+            label=run.case,
+            frequency=run.frequency,
+            height=run.plane.height,
+            before=run.impedance(impedances_at(run.in_flow, run.frequency, run.speeds)),
+            impedance=z,
+            standard=standard,
+            outside=self.weights([run])[:, ~self.seen].sum(1),
+            true=run.wanted,
+            misses=misses,
+            off=off,
+        )
 
     def predict(
-        self,
-        plane: Records,
-        liner: Liner | None = None,
-        frequency: Any = None,
-        *,
-        reference: str = "true",
-        noise: complex = 0j,
+        self, plane: Records, frequency: Any = None, *, reference: str = "true", noise: complex = 0j
     ) -> list[Row]:
-        """Z of another plane.
+        """Z of another plane above the liner of the first run.
 
         Args:
             plane: wall-normal velocity, or its moments.
-            liner: its liner, whose other numbers are kept; default that of the first run.
             frequency: Hz; default the plane's tone.
             reference: name of the impedance beside which it is put, if the plane has it.
             noise: standard uncertainty of that, u(R) + j u(X), part of the misses.
         Returns:
             A row a frequency: label (the case, else the name of the plane), frequency (Hz), height (m), before (Z of
-            the liner as it was), impedance, standard (u(R) + j u(X), to first order), correlation of R and X, outside
-            (share of the plane's weight at |v| beyond those that the runs saw), true (the reference, or None), misses
-            (by how many standard deviations R and X are off it), off (error of the reflection coefficient), and of runs
-            held to levels level_check (dB).
+            the liner as it was), impedance, standard (u(R) + j u(X), to first order), outside (share of the plane's
+            weight at |v| beyond those that the runs saw), true (the reference, or None), misses (by how many standard
+            deviations R and X are off it), off (error of the reflection coefficient).
         Raises:
             ValueError: a frequency that no run had, for a curve.
         Warns:
             DataWarning: more than 10 % of the weight is outside.
         """
-        base = self.runs[0].liner if liner is None else as_liner(liner)
-        if isinstance(self.runs[0].liner, FlowSDoFLiner):
-            base = with_flow(base)
-        (run,) = read_runs(plane, base, frequency, self.choices, any_curve=bool(self.law.frequencies))
-        if (true := run.plane.reference.get(reference)) is not None:
-            at_tone = (run.frequency / (run.plane.frequency or run.frequency) - 1).abs() < SAME_FREQUENCY
-            wanted = torch.where(at_tone, torch.tensor(complex(true), dtype=torch.complex128), torch.nan)
+        curve = bool(self.law.frequencies)
+        (run,) = read_runs(plane, self.runs[0].liner, frequency, self.choices, any_curve=curve)
+        true, tone = run.plane.reference.get(reference), run.plane.frequency
+        if true is not None and bool(((run.frequency / (tone or run.frequency) - 1).abs() < SAME_FREQUENCY).all()):
+            wanted = torch.full(run.frequency.shape, complex(true), dtype=torch.complex128)
             run = dataclasses.replace(run, wanted=wanted)
         rows = self.rows_of(run, noise)
         tell(self.beyond(run.plane.name, max(row.outside for row in rows)))
@@ -220,16 +199,8 @@ class Fit:
         return [text] if outside > OUTSIDE else []
 
 
-def with_flow(liner: LinerModel) -> LinerModel:
-    """An SDoF liner that takes the Mach number of each plane, and with factors unless its own law takes one; any other
-    as it is."""
-    if isinstance(liner, FlowSDoFLiner):
-        return liner.replace(mach=None)
-    return AdjustedSDoFLiner.of(liner) if isinstance(liner, SDoFLiner) else liner
-
-
-def solve(law: Law, runs: Sequence[Run]) -> tuple[Tensor, Tensor, Tensor]:
-    """Least squares by trust-region reflective steps with the exact Jacobian: values, (n,), and ``residuals_of`` them.
+def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
+    """Least squares by trust-region reflective steps with the exact Jacobian; ``stated``: the noise is known.
 
     Raises:
         ValueError: fewer data than parameters, a prior counting as one datum each.
@@ -237,43 +208,31 @@ def solve(law: Law, runs: Sequence[Run]) -> tuple[Tensor, Tensor, Tensor]:
     """
     from scipy.optimize import least_squares
 
-    data = sum(run.data for run in runs)
-    if data + len(law.prior) < len(law.names):
+    data, width, count = 2 * sum(len(run.frequency) for run in runs), law.high - law.low, len(law.names)
+    if data + len(law.prior) < count:
         raise ValueError(
-            f"{data} data of {len(runs)} planes cannot fix {len(law.names)} parameters ({', '.join(law.names)}); add "
-            "planes or frequencies, or free fewer"
+            f"{data} data of {len(runs)} planes cannot fix {count} parameters ({', '.join(law.names)}); add planes or "
+            "frequencies, or free fewer"
         )
-    share = ((law.start - law.low) / (law.high - law.low)).clamp(*START)
 
     @functools.lru_cache(maxsize=1)
-    def system(*place: float) -> tuple[Tensor, Tensor, Tensor]:
-        values = torch.tensor(place, dtype=torch.float64)
-        return values, *residuals_of(law, values, runs)
+    def system(*place: float) -> tuple[Tensor, Tensor]:
+        return residuals_of(law, torch.tensor(place, dtype=torch.float64), runs)
 
-    def residuals(place: np.ndarray) -> np.ndarray:
-        return system(*place)[1].numpy()
-
-    def jacobian(place: np.ndarray) -> np.ndarray:
-        return system(*place)[2].numpy()
-
-    how: Any = {"x_scale": "jac", "max_nfev": 1000} | dict.fromkeys(("xtol", "ftol", "gtol"), law.tolerance)
-    start, ends = law.low.lerp(law.high, share).numpy(), (law.low.numpy(), law.high.numpy())
-    found = least_squares(residuals, start, jacobian, bounds=ends, **how)
+    start = law.low.lerp(law.high, ((law.start - law.low) / width).clamp(*START))
+    how: Any = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-9 if law.frequencies else 1e-12)
+    how |= {"bounds": (law.low.numpy(), law.high.numpy()), "x_scale": "jac", "max_nfev": 1000}
+    value, slope = (lambda place, i=i: system(*place)[i].numpy() for i in (0, 1))
+    found = least_squares(value, start.numpy(), slope, **how)
     if not found.success:
         raise RuntimeError(
-            f"the least squares do not settle in {found.nfev} evaluations ({found.message}); narrow the bounds, state "
-            "a larger noise, or free fewer parameters"
+            f"the least squares do not settle in {found.nfev} evaluations; narrow the bounds, state a larger noise, or "
+            "free fewer parameters"
         )
-    return system(*found.x)
-
-
-def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
-    """Least squares, see ``solve``, and what they say; ``stated``: the noise is known."""
-    values, residuals, jacobian = solve(law, runs)
-    width, data, freedom = law.high - law.low, sum(run.data for run in runs), len(residuals) - len(values)
-    share = (values - law.low) / width
-    inside = (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
-    free, determined, unseen = jacobian[:, inside], float(len(values)), list[tuple[str, ...]]()
+    values, (residuals, jacobian) = torch.from_numpy(found.x), system(*found.x)
+    share, freedom, unseen = (values - law.low) / width, len(residuals) - count, list[tuple[str, ...]]()
+    inside, determined = (share >= ON_BOUND) & (share <= 1 - ON_BOUND), float(count)
+    free = jacobian[:, inside]
     if law.frequencies:  # which the prior holds too
         determined = float(torch.linalg.solve(free.T @ free, free[:data].T @ free[:data]).trace())
     misfit = float(residuals[:data].square().sum() / max(data - determined, 1.0)) ** 0.5
@@ -283,10 +242,10 @@ def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, st
         # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
         limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(scale) else (12 * scale) ** 0.5)
         unseen = [tuple(law.names[int(i)] for i in (a.abs() > NAMED).nonzero()) for a in axes[singular <= limit]]
-    covariance = torch.zeros(len(values), len(values), dtype=torch.float64)
+    covariance = torch.zeros(count, count, dtype=torch.float64)
     if bool(inside.any()):
-        rows = free / torch.where(torch.arange(len(free)) < data, max(1.0, misfit) if stated else 1.0, 1.0)[:, None]
-        _, singular, axes = torch.linalg.svd(rows * width[inside], full_matrices=False)
+        free[:data] /= max(1.0, misfit) if stated else 1.0
+        _, singular, axes = torch.linalg.svd(free * width[inside], full_matrices=False)
         floored = singular.clamp(min=1e-12 * float(singular[0]) + 1e-300)  # huge along what they do not see
         inverse = (axes.T / floored**2) @ axes * torch.outer(width[inside], width[inside])
         covariance[torch.outer(inside, inside)] = scale * inverse.flatten()
@@ -312,8 +271,5 @@ def _warnings(fit: Fit) -> tuple[str, ...]:
             "references; uncertainties are widened by that factor"
         )
     if not fit.stated and fit.freedom == 0:
-        notes.append(
-            f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: no residual says how uncertain "
-            "they are; state noise"
-        )
+        notes.append(f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: state noise")
     return tuple(notes)

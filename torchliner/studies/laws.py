@@ -51,7 +51,7 @@ class Law:
         low, high, start: bounds, and where the search begins, (n,).
         curve: Z, (F, V), differentiable in the values, from these, (n,), liner, frequency, (F,) Hz, and |v|, (V,) m/s.
         prior: residuals of the prior are ``prior @ values``, (r, n).
-        tolerance, frequencies: of the search, relative; Hz, of curves, which hold there alone.
+        frequencies: Hz, of curves, which hold there alone.
     """
 
     label: str
@@ -61,7 +61,6 @@ class Law:
     start: Tensor
     curve: Callable[[Tensor, LinerModel, Tensor, Tensor], Tensor]
     prior: Tensor
-    tolerance: float = 1e-12
     frequencies: tuple[float, ...] = ()
 
 
@@ -75,23 +74,17 @@ def bounds_for(names: Sequence[str], liner: LinerModel) -> dict[str, tuple[float
 
 
 def parameter_law(bounds: Mapping[str, tuple[float, float]], liner: LinerModel) -> Law:
-    """The liner's own law with some of its numbers free, shared by all runs; ``bounds``: SI, by name.
-
-    Raises:
-        ValueError: no parameter, an unknown one, or bounds that are reversed or that no liner has.
-    """
+    """The liner's own law with some of its numbers free, shared by all runs; ``bounds``: SI, by name."""
     numbers = named_numbers(liner, bounds)
     if not numbers:
         raise ValueError("no parameter is free; name at least one with its bounds")
     pairs = {each: pair for name, pair in bounds.items() for each in liner.groups.get(name, (name,))}
     for name, number in numbers.items():
         low, high = pairs[name]
-        inside = number.low <= low < high <= number.high and -math.inf < low and high < math.inf
-        if not inside or (low == number.low and not number.low_included):
-            least = "at least" if number.low_included else "above"
+        if not (number.low <= low < high <= number.high and math.isfinite(high - low)):
             raise ValueError(
-                f"bounds of {name} are {low:g} to {high:g}; finite ones are needed, the lower first, and it is "
-                f"{least} {number.low:g} and at most {number.high:g} {number.unit.strip('1')}"
+                f"bounds of {name} are {low:g} to {high:g}; finite ones are needed, the lower first, within "
+                f"{number.low:g} to {number.high:g} {number.unit.strip('1')}"
             )
     names = tuple(numbers)
     ends = torch.tensor([(*pairs[name], numbers[name].value) for name in names], dtype=torch.float64)
@@ -178,7 +171,7 @@ def curve_law(
     start = torch.zeros(len(lines) * sum(sizes), dtype=torch.float64)
     names, prior = tuple(f"q{i}" for i in range(len(start))), torch.block_diag(*blocks)
     box = (start - BOUNDS, start + BOUNDS, start)
-    return Law(f"curve, freedom {freedom:g}", names, *box, curve, prior, 1e-9, lines)
+    return Law(f"curve, freedom {freedom:g}", names, *box, curve, prior, lines)
 
 
 def place_of(known: Sequence[float], frequency: float) -> int:
@@ -186,10 +179,7 @@ def place_of(known: Sequence[float], frequency: float) -> int:
     for i, each in enumerate(known):
         if abs(each / frequency - 1) < SAME_FREQUENCY:
             return i
-    raise ValueError(
-        f"no curve is known at {frequency:g} Hz: the runs that are left have {', '.join(f'{f:g}' for f in known)} Hz; "
-        "a table over |v| says nothing of other frequencies (a parameter does: models=[('vena_contracta',)])"
-    )
+    raise ValueError(f"no curve is known at {frequency:g} Hz, but at {', '.join(f'{f:g}' for f in known)} Hz")
 
 
 def _above_floor(steps: Tensor) -> Tensor:

@@ -20,7 +20,7 @@ from torchliner.liners.model import Liner, Number, as_liner, impedance_of, named
 from torchliner.names import LIMITS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.runs import Run, choices_of_fit, with_slopes
-from torchliner.studies.variants import Row, Study, plane_of
+from torchliner.studies.variants import Study, plane_of, rows_of
 from torchliner.units import parse_tolerance
 from torchliner.velocity.educe import moments
 from torchliner.velocity.reading import Progress
@@ -63,22 +63,32 @@ class Sensitivities:
         Source: JCGM 100:2008 (GUM), 4.3.7 and eq. (10).
         """
         factor = LIMITS[require_choice("reading of the limits", limits, LIMITS)]
-        for name in tolerances:
-            require_choice("parameter of a tolerance", name, self.numbers)
-        about = list[Row]()
-        for name, number in ((name, number) for name, number in self.numbers.items() if name in tolerances):
-            width = _half_width(name, tolerances[name], number)
-            row = Row(parameter=name, value=number.value, unit=number.unit, half_width=width)
-            about.append(Row(row, standard=factor * width))
-        kept = [i for i, name in enumerate(self.numbers) if name in tolerances]
-        standard, rows = torch.tensor([each.standard for each in about], dtype=torch.float64), list[Row]()
-        covariance = {}
+        about, rows, covariance = list[Any](), list[Any](), dict[str, Tensor]()
+        for name, tolerance in tolerances.items():
+            number = self.numbers[require_choice("parameter of a tolerance", name, self.numbers)]
+            width = parse_tolerance(tolerance, name, number.quantity, number.value)
+            if number.low >= 0 and width > abs(number.value) > 0:
+                raise ValueError(
+                    f"tolerance of {name} is {tolerance!r}, a half-width of {width:g}, more than its value, "
+                    f"{number.value:.6g}; write '2 %' where per cent are meant"
+                )
+            about.append((number.value, number.unit, width, factor * width))
+        value, unit, half_width, standard = zip(*about, strict=True)
+        kept = [list(self.numbers).index(name) for name in tolerances]
         for averaging, slopes in self.liner.items():
-            change = slopes[kept] * standard[:, None]
+            change = slopes[kept] * torch.tensor(standard, dtype=torch.float64)[:, None]
             covariance[averaging] = covariance_of(change, torch.eye(len(kept), dtype=torch.float64))
-            for i, f in enumerate(self.found.frequency.tolist()):
-                for j in change[:, i].abs().argsort(descending=True, stable=True).tolist():
-                    rows.append(Row(averaging=averaging, frequency=f, **about[j], impedance=complex(change[j, i])))
+            found = rows_of(
+                averaging=averaging,
+                frequency=(lines := self.found.frequency)[:, None],
+                parameter=[*tolerances],
+                value=value,
+                unit=unit,
+                half_width=half_width,
+                standard=standard,
+                impedance=change.T,
+            )
+            rows += sorted(found, key=lambda row: (lines.tolist().index(row.frequency), -abs(row.impedance)))
         combined = {name: standard_of(each) for name, each in covariance.items()}
         return Study(rows=rows, covariance=covariance, combined=combined)
 
@@ -113,15 +123,14 @@ def sensitivities(
 
     def made(at: Tensor) -> Tensor:
         moved = model.with_numbers(dict(zip(numbers, at.unbind(), strict=True)))
-        each = [run.impedance(impedance_of(moved, run.frequency[:, None], run.nodes.speeds)) for run in runs.values()]
-        return torch.stack(each)
+        curves = (impedance_of(moved, found.frequency[:, None], run.speeds) for run in runs.values())
+        return torch.stack([run.impedance(z) for run, z in zip(runs.values(), curves, strict=True)])
 
     values = torch.tensor([number.value for number in numbers.values()], dtype=torch.float64)
     z, by = with_slopes(made, values)
     for i, name in enumerate(numbers):
-        step = torch.zeros_like(values)
-        step[i] = -STEP * float(values[i])
-        if not bool(by[..., i].any()) and bool((made(values + step) != z).any()):
+        moved = values - STEP * values * (torch.arange(len(values)) == i)
+        if not bool(by[..., i].any()) and bool((made(moved) != z).any()):
             raise ValueError(
                 f"{type(model).__name__}.impedance passes no derivative in {name}; compute it with torch from the "
                 "number as with_numbers stores it, without float()"
@@ -134,23 +143,7 @@ def standard_of(covariance: Tensor) -> Tensor:
     return torch.view_as_complex(covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt().contiguous())
 
 
-def correlation_of(covariance: Tensor) -> float:
-    """Of R and X, -1 to 1, from (2, 2); 0 where one of them has no uncertainty."""
-    product = float((covariance[0, 0] * covariance[1, 1]).sqrt())
-    return float(covariance[0, 1]) / product if product else 0.0
-
-
 def covariance_of(changes: Tensor, between: Tensor) -> Tensor:
     """Covariance of R and X, (..., 2, 2), from changes of Z, complex, (n, ...), and the covariance between these."""
     parts = torch.view_as_real(changes.resolve_conj())
     return torch.einsum("i...a,ij,j...b->...ab", parts, between, parts)
-
-
-def _half_width(name: str, tolerance: Any, number: Number) -> float:
-    width = parse_tolerance(tolerance, name, number.quantity, number.value)
-    if number.low >= 0 and width > abs(number.value) > 0:
-        raise ValueError(
-            f"tolerance of {name} is {tolerance!r}, a half-width of {width:g}, more than its value, "
-            f"{number.value:.6g}, which is never below {number.low:g}; write '2 %' where per cent are meant"
-        )
-    return width

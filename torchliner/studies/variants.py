@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -40,6 +41,19 @@ class Row(dict[str, Any]):
             return self[name]
         except KeyError:
             raise AttributeError(f"the row has no {name!r} (it has: {', '.join(self)})") from None
+
+
+def rows_of(**columns: Any) -> list[Any]:
+    """A row a value of columns: tensors, arrays and single values (also None) that go together by broadcasting.
+
+    An ``interval``, or None, becomes ``low`` and ``high``.
+    """
+    if "interval" in columns:
+        interval = columns.pop("interval")
+        columns |= {end: getattr(interval, end, None) for end in ("low", "high")}
+    plain = [value.tolist() if hasattr(value, "tolist") else value for value in columns.values()]
+    arrays = np.broadcast_arrays(*(np.asarray(value, dtype=object) for value in plain))
+    return [Row(zip(columns, values, strict=True)) for values in zip(*(each.flat for each in arrays), strict=True)]
 
 
 class Study(Row):
