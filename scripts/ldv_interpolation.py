@@ -38,8 +38,8 @@ PUBLISHED = {15: 0.84, 25: 0.94, 50: 0.98}  # factor of linear interpolation, by
 SHORT, LONG, DRAWS = 0.1, 2.0, 200  # s; records for the errors of amplitudes, and for all else
 GRID = 60e3  # Hz: 40 steps a period, three times the turbulence's end
 RULES = ("averaged", "self-consistent")
-CORRECTED = {"linear, tone corrected": False, "linear, tone and its noise corrected": True}
-WAYS = (*GRID_METHODS, *CORRECTED)
+CORRECTED = "linear, tone corrected"
+WAYS = (*GRID_METHODS, CORRECTED)
 FITS = ("as interpolated", "corrected", "fit at the arrivals")
 PANELS = {  # of rms and Z over the true ones
     "rms": "rms",
@@ -125,8 +125,7 @@ def effects(number: int, rate: float) -> dict[str, float]:
     values = flow.velocity(times)
     signals = {method: onto_grid(times, values, GRID, method) for method in GRID_METHODS}
     damping = tone_attenuation(signals["linear"], FREQUENCY)
-    for name, noise in CORRECTED.items():
-        signals[name] = corrected_coherent_part(signals["linear"], damping, noise=noise)
+    signals[CORRECTED] = corrected_coherent_part(signals["linear"], damping)
     velocity = torch.stack([flow.velocity(signals["linear"].times), *(signal.values for signal in signals.values())])
     columns = {"rms": velocity.std(1)}
     plane = tl.VelocityPlane(velocity, sampling_rate=GRID)

@@ -9,7 +9,7 @@ _NAMES = {  # module: public names that live in it
     "checks": "DataWarning",
     "conversions": "reflection_from_impedance impedance_from_reflection absorption_from_reflection",
     "fluid": "Fluid",
-    "records": "VelocityPlane ImpedanceMap PressureRecord MicrophoneLine BurstRecord ReferenceChannel "
+    "records": "VelocityPlane ImpedanceMap PressureRecord MicrophoneLine BurstRecord "
     "ImpedanceLine WallEduction FieldFit PointImpedances",
     "records.incident": "Tones Sweep BandNoise Recorded",
     "io.planes": "read_plane",
@@ -31,7 +31,7 @@ _NAMES = {  # module: public names that live in it
     "velocity.ir_tdibc_wall": "LevelCurve",
     "campaign.follow": "GrowingMoments",
     "bursts.line": "educe_bursts",
-    "bursts.stations": "BurstFilters validate_bursts burst_moments",
+    "bursts.stations": "validate_bursts burst_moments",
     "bursts.arrivals": "onto_grid tone_attenuation",
     "pressure.dean": "in_situ",
     "pressure.plane_waves": "decompose_waves sort_waves",

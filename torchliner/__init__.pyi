@@ -15,7 +15,6 @@ from torchliner.velocity.reading import Progress
 from torchliner.bursts.arrivals import onto_grid as onto_grid
 from torchliner.bursts.arrivals import tone_attenuation as tone_attenuation
 from torchliner.bursts.line import educe_bursts as educe_bursts
-from torchliner.bursts.stations import BurstFilters as BurstFilters
 from torchliner.bursts.stations import burst_moments as burst_moments
 from torchliner.bursts.stations import validate_bursts as validate_bursts
 from torchliner.campaign.follow import GrowingMoments as GrowingMoments
@@ -71,7 +70,6 @@ from torchliner.records import ImpedanceMap as ImpedanceMap
 from torchliner.records import MicrophoneLine as MicrophoneLine
 from torchliner.records import PointImpedances as PointImpedances
 from torchliner.records import PressureRecord as PressureRecord
-from torchliner.records import ReferenceChannel as ReferenceChannel
 from torchliner.records import VelocityPlane as VelocityPlane
 from torchliner.records import WallEduction as WallEduction
 from torchliner.records.incident import BandNoise as BandNoise

@@ -54,7 +54,7 @@ VELOCITY_READINGS = ("as_measured", "conserved")
 # Bursts and lines of stations.
 GRID_METHODS = ("linear", "hold", "band-limited")
 STATION_WINDOWS = ("whole-periods", "hann")
-CORRECTIONS = ("none", "tone", "tone-and-noise")
+CORRECTIONS = ("none", "tone")
 FILTERS = ("times", "zero-runs", "outliers")
 FLAGGED = ("exclude", "use")
 SEPARATORS = {"blank": None, "tab": "\t", "comma": ",", "semicolon": ";"}  # of columns of text

@@ -3,10 +3,9 @@
 import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +18,12 @@ Array = NDArray[np.float64]
 # What spreadsheets write into a cell that they cannot compute; a remark looks otherwise.
 NO_VALUE = re.compile(r"#[A-Z\u00c0-\u00de][/A-Z0-9\u00c0-\u00de]*[!?]?|#{2,}")
 SEPARATORS = (";", "\t", ",")
-LABEL = re.compile(r"(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
+LABEL = re.compile(r"-?(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
 
 
 def read_lines(path: str | Path, head: int | None = None) -> list[str]:
     """Lines of a text file in UTF-8, or else latin-1, without their ends; of its first ``head`` bytes if stated.
-
-    Raises:
-        FileNotFoundError, OSError: as ``read_bytes``.
-        ValueError: the file is empty, or is no text.
-    """
+    ValueError where it is empty or no text, and the errors of ``read_bytes``."""
     raw = read_bytes(path, head)
     try:
         text = raw.decode("utf-8-sig")
@@ -65,13 +60,11 @@ def number_of(text: str) -> float:
     return np.nan
 
 
-@dataclass(frozen=True)
-class Column:
-    """Where the values of a name stand: ``index`` from 0, ``factor`` to SI, ``quantity`` a key of ``units.FACTORS`` or
-    None for values that stand as they are."""
+class Column(NamedTuple):
+    """Where the values of a name stand, from 0, their factor to SI, and a key of ``units.FACTORS`` (None: any unit)."""
 
     name: str
-    index: int
+    place: int
     factor: float
     quantity: str | None
 
@@ -83,28 +76,20 @@ def find_columns(
     *,
     example: str,
     optional: Collection[str] = (),
-    short: Mapping[str, str] = MappingProxyType({}),
     others: Collection[str] = (),
 ) -> list[Column]:
-    """Columns by labels such as ``x [mm]``, in any order; a ValueError where one is unknown, missing, named twice, or
-    without a unit.
+    """Columns by labels such as ``x [mm]``, in any order, a minus before those whose sign is turned; a ValueError where
+    one is unknown, missing, named twice, or without a unit.
 
     Args:
         known: quantity of each by its name, in lower case; None takes values in any unit as they stand.
         example: a header that is right, for messages.
         optional, others: names that may be absent, and that are passed over.
-        short: other names, in their own case, for some of ``known``: X without a unit is short for something, X [mm]
-            the column x.
     """
     found: dict[str, Column] = {}
     for index, label in enumerate(labels):
         match = LABEL.fullmatch(label)
-        word, unit = (match[1], match[2] or match[3] or "") if match else (label, "")
-        name = word.lower()
-        if word in short and not (unit and name in known):
-            name = short[word]
-        elif name not in known:
-            name = short.get(name, name)
+        name, unit = (match[1].lower(), match[2] or match[3] or "") if match else (label, "")
         if name in others:
             continue
         if name not in known:
@@ -114,51 +99,12 @@ def find_columns(
             raise ValueError(f"{where} is named twice")
         if quantity not in (None, "number") and not unit:
             raise ValueError(f"{where} has no unit in {label!r}; write it as in 'x [mm]'")
-        found[name] = Column(name, index, 1.0 if quantity is None else si_factor(quantity, unit, where), quantity)
+        factor = 1.0 if quantity is None else si_factor(quantity, unit, where)
+        found[name] = Column(name, index, -factor if label[:1] == "-" else factor, quantity)
     for name in known:
         if name not in found and name not in optional:
             raise ValueError(f"{path}: column {name!r} is missing; there are: {', '.join(found)}; write {example}")
     return list(found.values())
-
-
-def read_columns(
-    rows: Mapping[int, Sequence[str]],
-    columns: Sequence[Column],
-    path: str | Path,
-    count: int,
-    special: Collection[str] | None = None,
-) -> dict[str, Array]:
-    """Columns of numbers in SI units, by name, from cells by the number of their line; ``count``: columns of the file.
-
-    ``special`` columns may hold inf, though not nan; by default all may, and nan as well. A ValueError where a cell is
-    blank or unreadable, a row has more cells than columns, decimal marks are mixed, or no measurement has such a value.
-    """
-    marks, found, numbers = dict[str, str](), dict[str, Array](), [*rows]
-    used = [column.index for column in columns]
-    for number, row in rows.items():
-        if any(row[count:]):
-            raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {count}")
-        for mark in ".,":
-            if mark not in marks and (cell := next((row[i] for i in used if i < len(row) and mark in row[i]), "")):
-                marks[mark] = f"line {number} has {cell!r}"
-    if len(marks) == 2:
-        raise ValueError(f"{path} mixes decimal marks: {marks[',']}, {marks['.']}; write all numbers with one mark")
-    for column in columns:
-        name, index, quantity = column.name, column.index, column.quantity
-        texts = [row[index] if index < len(row) else "" for row in rows.values()]
-        values = np.array([number_of(text.replace(",", ".")) for text in texts])
-        bad = np.isnan(values)
-        if special is None and bad.any():
-            bad &= np.array([text.lower().lstrip("+-") != "nan" for text in texts])
-        elif special is not None and name not in special:
-            bad |= ~np.isfinite(values)
-        if bad.any():
-            at = int(bad.argmax())
-            raise ValueError(f"{path}: line {numbers[at]}, column {name!r} is {texts[at]!r}; a number is needed")
-        found[name] = values * column.factor
-        if quantity is not None:
-            require_plausible(found[name], quantity, f"{path}: column {name!r}", numbers)
-    return found
 
 
 def read_table(
@@ -166,24 +112,56 @@ def read_table(
     known: Mapping[str, str | None],
     path: str | Path,
     *,
+    labels: Sequence[str] | None = None,
+    start: int = 0,
+    separator: str | None = None,
     special: Collection[str] = (),
     **about: Any,
 ) -> dict[str, Array]:
-    """Columns of numbers of a file with a header line, in SI units, by name.
+    """Columns of numbers in SI units, by name. Remarks, and lines that are blank in all columns, are passed over;
+    ``#N/A`` in the first of several cells is a value that is missing, no remark.
 
-    Blank lines and remarks are passed over; ``#N/A`` in the first of several cells is a value that is missing, no
-    remark. Arguments and errors are those of ``find_columns`` and ``read_columns``; values are finite but for
-    ``special`` columns.
+    Args:
+        lines: with a header line, unless ``labels`` of the columns, the index at which rows ``start`` and the
+            ``separator`` are stated.
+        special: columns that may hold inf.
+        about: as for ``find_columns``.
+    Raises:
+        ValueError: as ``find_columns``; a cell is blank or unreadable, a row has more cells than columns, decimal marks
+            are mixed, or no measurement has such a value.
     """
-    start = header_line(lines, path)
-    separator = separator_of(lines[start])
-    labels = cells_of(lines[start].rstrip(f"{separator} "), separator)
-    columns = find_columns(labels, known, path, **about)
-    rows = {i: cells_of(line, separator) for i, line in enumerate(lines[start + 1 :], start + 2) if line.strip()}
-    rows = {i: row for i, row in rows.items() if row[0][:1] != "#" or (len(row) > 1 and NO_VALUE.fullmatch(row[0]))}
+    if labels is None:
+        start = header_line(lines, path)
+        separator = separator_of(lines[start])
+        labels, start = cells_of(lines[start].rstrip(f"{separator} "), separator), start + 1
+    columns, rows, marks = find_columns(labels, known, path, **about), dict[int, list[str]](), list[str]()
+    for number, line in enumerate(lines[start:], start + 1):
+        row = cells_of(line, separator) or [""]
+        if row[0][:1] == "#" and not (len(row) > 1 and NO_VALUE.fullmatch(row[0])):
+            continue
+        if any(row[len(labels) :]):
+            raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {len(labels)}")
+        row += [""] * (len(labels) - len(row))
+        if any(cells := [row[column.place] for column in columns]):
+            rows[number] = cells
     if not rows:
-        raise ValueError(f"{path} holds no values: the file ends at line {start + 1}")
-    return read_columns(rows, columns, path, len(labels), special)
+        raise ValueError(f"{path} holds no values: the file ends at line {len(lines)}")
+    for mark in ",.":
+        places = (f"line {number} has {cell!r}" for number, cells in rows.items() for cell in cells if mark in cell)
+        marks += [*islice(places, 1)]
+    if len(marks) == 2:
+        raise ValueError(f"{path} mixes decimal marks: {marks[0]}, {marks[1]}; write all numbers with one mark")
+    found, numbers = dict[str, Array](), [*rows]
+    for (name, _, factor, quantity), texts in zip(columns, zip(*rows.values(), strict=True), strict=True):
+        values = np.array([number_of(text.replace(",", ".")) for text in texts])
+        bad = np.isnan(values) if name in special else ~np.isfinite(values)
+        if bad.any():
+            at = int(bad.argmax())
+            raise ValueError(f"{path}: line {numbers[at]}, column {name!r} is {texts[at]!r}; a number is needed")
+        found[name] = values * factor
+        if quantity is not None:
+            require_plausible(found[name], quantity, f"{path}: column {name!r}", numbers)
+    return found
 
 
 def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path) -> dict[str, Any]:

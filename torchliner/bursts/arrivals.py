@@ -2,8 +2,7 @@ r"""Random samples onto a uniform grid: velocities that are known at the arrival
 
 ``linear`` (the paper, section 3.3) draws straight lines between the arrivals, ``hold`` keeps the last value,
 ``band-limited`` is a least-squares fit in splines of degree 5 on uniform knots 1/(2 B) apart, which tend to the
-functions band-limited to B as their degree grows (Unser 1999). The normal equations are banded, so that the cost is
-that of a filter, and a gap spoils its neighbourhood alone.
+functions band-limited to B as their degree grows (Unser 1999).
 
 Each method is linear in the values and fixed by the arrival times, so that what it does to a tone is known for the very
 arrivals of a record: :math:`v = A e^{j\omega t} + A^* e^{-j\omega t}` has, on the grid, the windowed line
@@ -19,14 +18,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive, tell
+from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive
 from torchliner.names import GRID_METHODS
 from torchliner.tones import tone_amplitudes, window_weights
 
 MOST_POINTS, FEWEST = 1000, 1000  # of a grid, for an arrival; arrivals, for so few as show nothing
 STEPS_A_PERIOD = 16  # of a tone, on a derived grid
 STEPS_AN_ARRIVAL = 2  # folds at the mean rate, where Poisson arrivals leave 0.09 of a line
-LONG_GAP = 20.0  # mean intervals; among 150 000 Poisson arrivals one in 3000 records has such a gap
 BAND_SHARE = 0.25  # B over the mean rate: two arrivals a coefficient, twice the least density
 ROUNDING = 1e-9  # of a grid step: an arrival that near to a grid point is on it
 DEGREE = 5
@@ -36,25 +34,14 @@ LEAST_FACTOR = 0.3  # of a tone; below, a correction would raise noise by more t
 
 @dataclass(frozen=True, eq=False)
 class GridSignal:
-    """A signal on a uniform grid from the first arrival to the last one; nothing is extrapolated.
+    """A signal on a uniform grid from the first arrival to the last one; nothing is extrapolated."""
 
-    Args:
-        values: on the grid, (T,), in the unit given.
-        arrival_times: s, increasing, float64, (N,).  rate: of the grid, Hz.
-        method: ``linear``, ``hold`` or ``band-limited``.  band: B of ``band-limited``, Hz.
-        name: how messages call the data.
-        samples: T.  mean_rate: arrivals a second.  longest_gap: between them, and where it begins, s.
-    """
-
-    values: Tensor
-    arrival_times: Tensor
-    rate: float
+    values: Tensor  # (T,)
+    arrival_times: Tensor  # s, (N,)
+    rate: float  # of the grid, Hz
     method: str
-    band: float
+    band: float  # B of ``band-limited``, Hz
     name: str
-    samples: int
-    mean_rate: float
-    longest_gap: tuple[float, float]
 
     @property
     def start(self) -> float:
@@ -62,15 +49,26 @@ class GridSignal:
         return float(self.arrival_times[0])
 
     @property
+    def duration(self) -> float:
+        """From the first arrival to the last one, s."""
+        return float(self.arrival_times[-1]) - self.start
+
+    @property
+    def mean_rate(self) -> float:
+        """Arrivals a second."""
+        return (len(self.arrival_times) - 1) / self.duration
+
+    @property
     def times(self) -> Tensor:
         """s, (T,), float64."""
-        return self.start + torch.arange(self.samples, dtype=torch.float64) / self.rate
+        samples = math.floor(self.duration * self.rate + ROUNDING) + 1
+        return self.start + torch.arange(samples, dtype=torch.float64) / self.rate
 
     def rebuilt(self, values: Tensor) -> Tensor:
         """Other values at the same arrivals on the same grid: (..., N) to (..., T)."""
         points, times = self.times, self.arrival_times
         if self.method == "band-limited":
-            return _spline_fit(times, values, points, self.band)
+            return _spline_fit(times.numpy(), values, points.numpy(), self.band)
         before = torch.searchsorted(times, points + ROUNDING / self.rate, right=True) - 1
         if self.method == "hold":
             return values[..., before]
@@ -102,29 +100,21 @@ def onto_grid(
     Raises:
         ValueError: times that do not increase, fewer than two samples, nan, unequal lengths, a grid that is too coarse
             or too fine.
-    Warns:
-        DataWarning: a gap longer than 20 mean intervals.
     Source: Roncen et al. (2026), section 3.3 (linear). The other two are alternatives of ours.
     """
     require_choice("method", method, GRID_METHODS)
     times, numbers = real_tensor(arrival_times).cpu(), real_tensor(values).cpu()
-    if times.ndim != 1 or times.shape != numbers.shape or len(times) < 2:
+    same = times.ndim == 1 and times.shape == numbers.shape and len(times) > 1
+    if not same or not bool(torch.isfinite(times + numbers).all()):
         shapes = f"times have shape {tuple(times.shape)}, values {tuple(numbers.shape)}"
-        raise ValueError(f"{name}: {shapes}; both are (N,), two samples at least")
-    steps, bad = times.diff(), (~torch.isfinite(times + numbers)).nonzero()
-    if len(bad):
-        raise ValueError(f"{name}: {len(bad)} samples are nan or inf, first sample {int(bad[0])}; leave them out")
-    if len(back := (steps <= 0).nonzero()):
-        here, after = times[int(back[0]) : int(back[0]) + 2].tolist()
-        raise ValueError(
-            f"{name}: {len(back)} times do not increase, first {here:.9g} s, then {after:.9g} s; sort them"
-        )
-    seconds = float(times[-1] - times[0])
-    own = (len(times) - 1) / seconds
+        raise ValueError(f"{name}: {shapes}; both are (N,), two finite samples at least")
+    if len(back := (times.diff() <= 0).nonzero()):
+        raise ValueError(f"{name}: {len(back)} times do not increase, first after {float(times[back[0]]):.9g} s")
+    signal = GridSignal(numbers, times, rate or 0.0, method, band or 0.0, name)
+    own, seconds = signal.mean_rate, signal.duration
     if rate is None:
         rate = STEPS_AN_ARRIVAL * own
         if frequency is not None:
-            require_positive("frequency (Hz)", frequency)
             rate = frequency * max(STEPS_A_PERIOD, math.ceil(rate / frequency))
     band = BAND_SHARE * own if band is None else band
     require_positive("rate of the grid (Hz)", rate)
@@ -134,53 +124,37 @@ def onto_grid(
             f"{name}: a grid of {rate:g} Hz over {seconds:g} s has {1 + seconds * rate:.3g} points for {len(times)} "
             f"arrivals; 2 to {MOST_POINTS} for each are possible: are the times in s?"
         )
-    length, begin = float(steps.max()), float(times[steps.argmax()])
-    about = (float(rate), method, float(band), name, math.floor(seconds * rate + ROUNDING) + 1, own, (length, begin))
-    signal = GridSignal(numbers, times, *about)
-    if length * own > LONG_GAP:
-        tell(
-            f"{name}: the longest gap between arrivals is {1e3 * length:.3g} ms at {begin:.6g} s, "
-            f"{length * own:.3g} mean intervals (limit {LONG_GAP:g}); what lies in it is made up"
-        )
+    signal = replace(signal, rate=float(rate), band=float(band))
     return replace(signal, values=signal.rebuilt(numbers))
 
 
-def _spline_fit(arrival_times: Tensor, values: Tensor, points: Tensor, band: float) -> Tensor:
+def _spline_fit(times: np.ndarray, values: Tensor, points: np.ndarray, band: float) -> Tensor:
     """Least squares in splines, second differences of the coefficients weakly penalised (Eilers & Marx 1996).
 
-    The penalty leaves straight lines as they are, and is all that holds the curve where a gap leaves no arrivals.
+    The penalty leaves straight lines as they are, and is all that holds the curve where a gap leaves no arrivals. The
+    equations are banded, so that the cost is that of a filter.
     """
     from scipy.interpolate import BSpline  # takes half a second or more to import
-    from scipy.linalg import solveh_banded
     from scipy.sparse import diags_array
+    from scipy.sparse.linalg import splu
 
-    times = arrival_times.numpy()
     count = math.floor((times[-1] - times[0]) * 2 * band) + 1 + DEGREE
     knots = times[0] + np.arange(-DEGREE, count + 1) / (2 * band)
     design = BSpline.design_matrix(times, knots, DEGREE)
     difference = diags_array([1.0, -2.0, 1.0], offsets=[0, 1, 2], shape=(count - 2, count))
     normal = design.T @ design + SMOOTHING * len(times) / count * (difference.T @ difference)
-    bands = np.zeros((DEGREE + 1, count))  # upper form: row DEGREE - d holds diagonal d
-    for d in range(DEGREE + 1):
-        bands[DEGREE - d, d:] = normal.diagonal(d)
-    flat = values.reshape(-1, len(times)).detach().numpy()
-    coefficients = solveh_banded(bands, design.T @ flat.T)
-    within = np.clip(points.numpy(), times[0], times[-1])
-    found = BSpline.design_matrix(within, knots, DEGREE) @ coefficients
+    coefficients = splu(normal.tocsc()).solve(design.T @ values.reshape(-1, len(times)).detach().numpy().T)
+    found = BSpline.design_matrix(np.clip(points, times[0], times[-1]), knots, DEGREE) @ coefficients
     return torch.from_numpy(found.T.copy()).reshape(*values.shape[:-1], -1)
 
 
 @dataclass(frozen=True, eq=False)
 class ToneAttenuation:
-    """The factors of a tone's line for the arrivals of a signal: line = factor A + image A*.
+    """What a grid makes of tones: the line of A is G A + H A*, under weights of a window, (T,)."""
 
-    Args:
-        factor, image: G and H, complex128, (F,).  frequency: Hz, (F,).  weights: of the window, (T,).
-    """
-
-    factor: Tensor
-    image: Tensor
-    frequency: Tensor
+    factor: Tensor  # G, complex128, (F,)
+    image: Tensor  # H, complex128, (F,)
+    frequency: Tensor  # Hz, (F,)
     weights: Tensor
 
     def line(self, signal: GridSignal) -> Tensor:
@@ -203,54 +177,43 @@ def tone_attenuation(signal: GridSignal, frequency: Any, window: Any = "hann") -
     Raises:
         ValueError: a frequency above half the mean rate, outside the band of the fit or not below half the grid's rate.
     """
-    wanted, grid = frequency_tensor(frequency), signal
+    wanted = frequency_tensor(frequency)
     highest = float(wanted.max())
-    if grid.mean_rate < 2 * highest:
+    if signal.mean_rate < 2 * highest:
         raise ValueError(
-            f"{grid.name}: {grid.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of "
+            f"{signal.name}: {signal.mean_rate:.6g} arrivals a second in the mean are fewer than two a period of "
             f"{highest:g} Hz, which cannot be put on a grid (correction='none' leaves a stated tone as it is)"
         )
-    if grid.method == "band-limited" and highest >= grid.band:
+    if signal.method == "band-limited" and highest >= signal.band:
         raise ValueError(
-            f"{grid.name}: {highest:g} Hz is not below the band of the fit, {grid.band:g} Hz; these arrivals carry a "
-            f"quarter of the mean rate, {BAND_SHARE * grid.mean_rate:g} Hz"
+            f"{signal.name}: {highest:g} Hz is not below the band of the fit, {signal.band:g} Hz; these arrivals carry "
+            f"a quarter of the mean rate, {BAND_SHARE * signal.mean_rate:g} Hz"
         )
-    frequency_tensor(wanted, grid.rate)
-    weights, lines = window_weights(window, grid.samples), []
+    frequency_tensor(wanted, signal.rate)
+    weights, lines = window_weights(window, len(signal.values)), []
     for f in wanted:
-        turns = 2 * torch.pi * f * (grid.arrival_times - grid.start)
-        both = grid.rebuilt(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
-        lines.append(tone_amplitudes(both, f[None], grid.rate, weights)[:, 0])
+        turns = 2 * torch.pi * f * (signal.arrival_times - signal.start)
+        both = signal.rebuilt(torch.stack([turns.cos(), turns.sin()]))  # two signals in memory at a time
+        lines.append(tone_amplitudes(both, f[None], signal.rate, weights)[:, 0])
     # The line is linear over the reals: A = a + jb is v = 2a cos - 2b sin, whose line 2aC - 2bS is GA + HA* for all
     # a, b with G = C + jS, H = C - jS.
     cosine, sine = torch.stack(lines, 1)
     return ToneAttenuation(cosine + 1j * sine, cosine - 1j * sine, wanted, weights)
 
 
-def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation, *, noise: bool = False) -> GridSignal:
+def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation) -> GridSignal:
     """The signal with each tone's own part put back to its amplitude, all else untouched.
 
-    Noise at the line is raised by 1/G with it; what the reconstruction took from the turbulence stays lost.
-
-    Args:
-        attenuation: from ``tone_attenuation`` of that signal.
-        noise: take out the whole reconstruction of the tone, the noise that it made of it too.
-    Raises:
-        ValueError: a factor below 0.3 (the correction would raise noise by more than 3).
+    Noise at the line is raised by 1/G with it; what the reconstruction took from the turbulence stays lost. A
+    ValueError where a factor is below 0.3, since that would raise noise by more than 3.
     """
     smallest = float(attenuation.factor.abs().min())
     if smallest < LEAST_FACTOR:
         raise ValueError(
-            f"{signal.name}: {signal.method} reconstruction leaves {smallest:.3g} of the tone, and a correction would "
-            f"raise noise {1 / smallest:.3g} times (limit: factor {LEAST_FACTOR:g}); take more arrivals, or no "
-            "correction (correction='none')"
+            f"{signal.name}: {signal.method} reconstruction leaves {smallest:.3g} of the tone (limit "
+            f"{LEAST_FACTOR:g}); take more arrivals, or no correction (correction='none')"
         )
-
-    def tones(amplitude: Tensor, times: Tensor) -> Tensor:
-        turns = 2 * torch.pi * torch.outer(attenuation.frequency, times - signal.start)
-        return 2 * (amplitude.real @ turns.cos() - amplitude.imag @ turns.sin())
-
     line = attenuation.line(signal)
-    amplitude = attenuation.true_amplitude(line)
-    made = signal.rebuilt(tones(amplitude, signal.arrival_times)) if noise else tones(line, signal.times)
-    return replace(signal, values=signal.values + tones(amplitude, signal.times) - made)
+    more = attenuation.true_amplitude(line) - line
+    turns = 2 * torch.pi * torch.outer(attenuation.frequency, signal.times - signal.start)
+    return replace(signal, values=signal.values + 2 * (more.real @ turns.cos() - more.imag @ turns.sin()))

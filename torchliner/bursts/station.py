@@ -8,22 +8,23 @@ whole period weighs alike it is the plain mean.
 
 import dataclasses
 import math
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.bursts.arrivals import GridSignal, corrected_coherent_part, onto_grid, tone_attenuation
-from torchliner.bursts.stations import BurstFilters, Station
+from torchliner.bursts.stations import Station
 from torchliner.checks import SAME_FREQUENCY, frequency_tensor, make_plain, require_choice, require_positive
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, __version__
-from torchliner.records import BurstRecord, ImpedanceLine, ReferenceChannel, VelocityPlane
-from torchliner.tones import tone_amplitudes, transfer_function, window_weights
+from torchliner.records import BurstRecord, ImpedanceLine, VelocityPlane
+from torchliner.tones import tone_amplitudes, window_weights
 from torchliner.velocity.answer import goodrich_of
 from torchliner.velocity.averages import PHASE_RULES
 from torchliner.velocity.choices import TOLERANCES, Choices
@@ -31,14 +32,12 @@ from torchliner.velocity.reading import reading_of, take_moments
 from torchliner.velocity.review import fallen_back
 
 NAMED = {"method": GRID_METHODS, "correction": CORRECTIONS, "window": STATION_WINDOWS, "flagged": FLAGGED}
-OF_PLANES = {"averaging": "admittance", "background": None, "missing": "refuse"}  # what a single place has
-MOST_SEGMENTS, MOST_DRAWS = 5000, 1_000_000
+# What a single place has, of choices for planes.
+OF_PLANES = {"averaging": "admittance", "background": None, "missing": "refuse", "wall_filter": None}
+MOST_SEGMENTS, MOST_DRAWS = 5000, 100_000
 STATED = ("frequency", "fluid", "incident_level", "mach", "source_side", "liner", "displacement_thickness", "name")
 CASE = ("fluid", "mach", "incident_level", "source_side", "reference")  # one for a whole line
 WINDOWS = {"whole-periods": ("boxcar", {0: 1.0}), "hann": ("hann", {0: 0.5, 1: -0.25, -1: -0.25})}  # c_q by q
-COARSE = 8.0  # samples a period, below which linear interpolation spoils a reference
-FEWEST_PIECES = 8  # of a record, over which coherence is found
-NO_TONE = 0.05  # squared coherence with v below which a reference knows no phase
 
 
 @dataclass(frozen=True)
@@ -49,16 +48,15 @@ class StationChoices:
         method: of the reconstruction between arrivals: ``linear`` (the paper), ``hold`` or ``band-limited``.
         grid_rate: Hz; default twice the mean rate, with a tone at least 16 whole steps a period.
         band_limit: of ``band-limited``, Hz; default a quarter of the station's mean rate.
-        correction: what is put back of what the reconstruction took from the stated tone, else from a single frequency
-            asked for: ``tone``, its line; ``tone-and-noise``, also the noise made of it is taken out; ``none`` (the
-            paper).
+        correction: ``tone`` puts back what the reconstruction took from the line of the stated tone, else of a single
+            frequency asked for; ``none`` does not (the paper).
         segment: length of a segment, s (the paper: 1).
         overlap: share of a segment that the next one covers too (the paper: 0.5).
         window: of a segment: ``whole-periods``, each of which weighs alike, or ``hann`` on the reflected signal (the
             paper).
         flagged: stations with doubtful bursts: ``exclude`` from the averages or ``use`` them.
         monte_carlo: draws of (5.2) (the paper: 5000).
-        filters: which bursts count.
+        without: filters of bursts that are switched off, of ``validate_bursts``.
     """
 
     method: str = "linear"
@@ -70,15 +68,13 @@ class StationChoices:
     window: str = "whole-periods"
     flagged: str = "exclude"
     monte_carlo: int = 5000
-    filters: BurstFilters = field(default_factory=BurstFilters)
+    without: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         make_plain(self)
         for name, known in NAMED.items():
             require_choice(name, getattr(self, name), known)
         require_positive("segment (s)", self.segment)
-        if self.band_limit is not None and self.method != "band-limited":
-            raise ValueError(f"band_limit is for method 'band-limited', not {self.method!r}; leave it out")
         if not 0 <= self.overlap < 1:
             raise ValueError(f"overlap is {self.overlap:g}; it is a share of a segment, 0 to below 1")
         if not 2 <= self.monte_carlo <= MOST_DRAWS:
@@ -87,60 +83,58 @@ class StationChoices:
 
 def split_choices(options: dict[str, Any]) -> tuple[StationChoices, Choices]:
     """Those of stations, and those of the eduction; ValueError for a choice that is for planes of many probes."""
-    of_stations = {key: options[key] for key in options.keys() & StationChoices.__dataclass_fields__.keys()}
-    rest = OF_PLANES | {key: value for key, value in options.items() if key not in of_stations}
+    names = options.keys() & StationChoices.__dataclass_fields__.keys()
+    own = StationChoices(**{name: options[name] for name in names})
+    chosen = Choices(**OF_PLANES | {name: options[name] for name in options.keys() - names})
     for name, only in OF_PLANES.items():
-        if rest[name] != only:
-            raise ValueError(f"{name} is {rest[name]!r}; it is for planes of many probes: leave {name} out")
-    return StationChoices(**of_stations), Choices(**rest)
+        if getattr(chosen, name) != only:
+            raise ValueError(f"{name} is {getattr(chosen, name)!r}; it is for planes of many probes: leave {name} out")
+    if chosen.phase == "given":
+        raise ValueError("phase is 'given'; stations share no clock: take 'averaged' or 'self-consistent'")
+    return own, chosen
 
 
 def educe_station(
-    record: BurstRecord,
-    liner: LinerModel,
-    frequency: Any,
-    own: StationChoices,
-    choices: Choices,
-    reference: ReferenceChannel | None = None,
-    reference_phase: float | None = None,
+    record: BurstRecord, liner: LinerModel, frequency: Any, own: StationChoices, choices: Choices
 ) -> ImpedanceLine:
     """One station, as read, which depends on no other: a line of N = 1 without average and intervals.
 
     ``own`` are from bursts to segments, ``choices`` of the eduction; see ``educe_bursts``.
     """
-    liner, station = liner.in_flow(record.mach), Station.of(record, own.filters)
+    liner, station = liner.in_flow(record.mach), Station.of(record, own.without)
     wanted = frequency_tensor(frequency, record=record).cpu()
-    if choices.phase == "given" and reference is None and reference_phase is None:
-        raise ValueError("phase='given' needs a reference channel, or reference_phase in rad")
-    plane, grid, hop, attenuation, corrected, notes = cut_into_segments(station.kept, wanted, own)
-    start = grid.start + hop * torch.arange(plane.probes, dtype=torch.float64) / grid.rate
-    a, b, velocity, weights, known, model_error = segment_means(plane, liner, wanted, choices, own.window)
-    seen = known.survey
-    phases, follows, each = 2 * torch.pi * torch.outer(start, wanted), velocity, seen.coherence(wanted).cpu()
-    if reference is not None:
-        block = plane.duration / seen.blocks.count
-        phases, follows, each = follow_reference(grid, reference, wanted, plane.frequency, block, hop, weights)
-    coherence = each if reference is not None else each.mean(0)
-    held = ((each >= choices.minimum_coherence) | (choices.phase != "self-consistent")).expand(velocity.shape)
-    psi = phases + (reference_phase or 0.0)
+    signal, attenuation, corrected = resample(station.kept, wanted, own)
+    length = round(own.segment * signal.rate)
+    hop, samples = max(1, int((1 - own.overlap) * length + 1e-9)), len(signal.values)
+    count, gap = 1 + (samples - length) // hop, station.moments.longest_gap
+    if not 2 <= count <= MOST_SEGMENTS or gap > own.segment:
+        raise ValueError(
+            f"{record.name}: {station.kept.bursts} bursts over {samples / signal.rate:.4g} s, with a gap of {gap:.4g} "
+            f"s, hold {count} segments of {own.segment:g} s that overlap by {own.overlap:g}; 2 "
+            f"to {MOST_SEGMENTS} longer than any gap are needed. Change segment and overlap, or cut the record"
+        )
+    plane = VelocityPlane(
+        signal.values.unfold(0, length, hop),
+        sampling_rate=signal.rate,
+        height=record.y if record.y is not None and record.y > 0 else None,
+        **{key: getattr(record, key) for key in STATED},
+    )
+    start = signal.start + hop * torch.arange(count, dtype=torch.float64) / signal.rate
+    a, b, velocity, known, model_error = segment_means(plane, liner, wanted, choices, own.window)
+    coherence, turns = known.survey.coherence(wanted).cpu(), torch.exp(-2j * torch.pi * torch.outer(start, wanted))
+    held = (coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")
     reviewed = (*known.notes, *fallen_back(held, choices))
-    notes = [*station.kept.notes, *(note.text for note in reviewed), *notes]
-    for f, square in zip(wanted.tolist(), coherence.tolist(), strict=True):
-        if reference is not None and square < NO_TONE:
-            text = f"the squared coherence of v with the reference is {square:.2g} at {f:g} Hz (limit {NO_TONE:g})"
-            notes.append(f"{text}: it tells nothing of the phase of the sound there")
     vertical = station.moments.components["wall_normal"]
     numbers = {axis: math.nan if (value := getattr(record, axis)) is None else float(value) for axis in "xyz"}
     numbers |= {"mean_velocity": vertical.weighted_mean, "velocity_rms": vertical.weighted_rms}
-    numbers |= {"rate": grid.mean_rate, "grid_rate": grid.rate, "longest_gap": grid.longest_gap[0]}
+    numbers |= {"rate": signal.mean_rate, "grid_rate": signal.rate, "longest_gap": gap}
     tensors: dict[str, Any] = {
-        "reflection": PHASE_RULES[choices.phase](a, b, velocity=follows, held=held, phase=psi),
+        "reflection": PHASE_RULES[choices.phase](a, b, velocity=velocity, held=held),
         "segment_start": start,
-        "velocity_amplitude": 2 * (velocity * torch.exp(-1j * phases)).mean(0),
-        "coherence": coherence,
+        "velocity_amplitude": 2 * (velocity * turns).mean(0),
+        "coherence": coherence.mean(0),
         "attenuation": attenuation,
         "corrected": corrected,
-        "phase_held": held.to(torch.float64).mean(0),
         "received": torch.tensor(record.received),
         "bursts": torch.tensor(station.kept.bursts),
         "used": torch.tensor(not station.flags or own.flagged == "use"),
@@ -148,12 +142,11 @@ def educe_station(
     }
     return ImpedanceLine(
         frequency=wanted,
-        wall=None if choices.wall_filter is None else (coherence < choices.wall_filter)[None],
         interval=None,
         names=(station.name,),
         flags=(station.flags,),
         dropped=(dict(station.kept.dropped),),
-        station_notes=(tuple(notes),),
+        station_notes=((*station.kept.notes, *(note.text for note in reviewed)),),
         goodrich=goodrich_of(plane, liner, wanted),
         choices={
             "version": __version__,
@@ -161,8 +154,7 @@ def educe_station(
             "liner": liner.describe(),
             "tone": record.frequency,
             "surface": record.liner,
-            "blocks": seen.blocks.count,
-            "referred": reference is not None,
+            "blocks": known.survey.blocks.count,
             "nodes": None if known.nodes is None else vars(known.nodes),
             "model_error": model_error,
             **asdict(own),
@@ -172,66 +164,37 @@ def educe_station(
     )
 
 
-def cut_into_segments(
-    record: BurstRecord, frequency: Tensor, choices: StationChoices
-) -> tuple[VelocityPlane, GridSignal, int, Tensor, Tensor, list[str]]:
-    """Validated bursts onto a grid, the tone corrected, cut into segments.
+def resample(record: BurstRecord, frequency: Tensor, choices: StationChoices) -> tuple[GridSignal, Tensor, Tensor]:
+    """Validated bursts onto a grid, the tone corrected; its attenuation over the whole record and where it was
+    corrected, (F,).
 
     The stated tone is corrected whatever is asked for, since it drives |v| at all frequencies. Without a stated tone a
     single frequency asked for is one.
-
-    Returns:
-        A plane, with a probe a segment; the signal; by how many samples segments are apart; the attenuation of the
-        tones over the whole record and where it was corrected, (F,); notes.
-    Raises:
-        ValueError: no wall-normal velocity, a record shorter than two segments, a gap longer than a segment, fewer than
-            two arrivals a period, a tone damped below 0.3.
     """
     name, tone = record.name, record.frequency
     if record.wall_normal is None:
         raise ValueError(f"{name} holds no wall-normal velocity; say which channel it is, components=-wall_normal")
     about: dict[str, Any] = {"frequency": tone or float(frequency.max()), "band": choices.band_limit, "name": name}
     signal = onto_grid(record.arrival_time, record.wall_normal, choices.grid_rate, choices.method, **about)
-    length = round(choices.segment * signal.rate)
-    hop = max(1, int((1 - choices.overlap) * length + 1e-9))
-    count, (gap, begin), notes = 1 + (signal.samples - length) // hop, signal.longest_gap, list[str]()
-    if not 2 <= count <= MOST_SEGMENTS:
-        raise ValueError(
-            f"{name}: {record.bursts} bursts over {signal.samples / signal.rate:.4g} s hold {count} segments of "
-            f"{choices.segment:g} s that overlap by {choices.overlap:g}; 2 to {MOST_SEGMENTS} are possible. Change "
-            "segment and overlap"
-        )
-    if gap > choices.segment:
-        raise ValueError(
-            f"{name}: no burst for {gap:.4g} s from {begin:.6g} s on, longer than a segment of {choices.segment:g} s, "
-            "which would be made up; cut the record there"
-        )
     tone = None if choices.correction == "none" else tone or (float(frequency) if len(frequency) == 1 else None)
-    corrected = (frequency / (tone or torch.inf) - 1).abs() < SAME_FREQUENCY
-    damping = tone_attenuation(signal, frequency)
+    corrected, damping = (
+        (frequency / (tone or torch.inf) - 1).abs() < SAME_FREQUENCY,
+        tone_attenuation(signal, frequency),
+    )
     if tone is not None:
         alone = damping if corrected.tolist() == [True] else tone_attenuation(signal, tone)
-        if not bool(corrected.any()):
-            text = f"the stated tone of {tone:g} Hz, of which {signal.method} reconstruction leaves "
-            notes.append(f"{text}{float(alone.factor.abs()):.3f}, is corrected: it drives |v| at all frequencies")
-        signal = corrected_coherent_part(signal, alone, noise=choices.correction == "tone-and-noise")
-    plane = VelocityPlane(
-        signal.values.unfold(0, length, hop),
-        sampling_rate=signal.rate,
-        height=record.y if record.y is not None and record.y > 0 else None,
-        **{key: getattr(record, key) for key in STATED},
-    )
-    return plane, signal, hop, damping.factor, corrected, notes
+        signal = corrected_coherent_part(signal, alone)
+    return signal, damping.factor, corrected
 
 
 def segment_means(
     plane: VelocityPlane, liner: LinerModel, frequency: Tensor, choices: Choices, window: str
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Moments, float]:
+) -> tuple[Tensor, Tensor, Tensor, Moments, float]:
     """What segments, (S, n), read as ``educe`` reads a plane under a window, leave for a phase rule.
 
     Returns:
-        <R>, <R e^{-2 j omega t}> and half the complex peak amplitude of v into the liner, m/s, (S, F); the window,
-        (n,); the moments, a probe a segment; the error in R of the interpolation over |v|.
+        <R>, <R e^{-2 j omega t}> and half the complex peak amplitude of v into the liner, m/s, (S, F); the moments, a
+        probe a segment; the error in R of the interpolation over |v|.
     """
     rate, samples, (kind, orders) = plane.sampling_rate, plane.samples, WINDOWS[window]
     shifts = rate / samples * torch.tensor(list(orders), dtype=torch.float64)  # Hz, (Q,)
@@ -247,60 +210,19 @@ def segment_means(
     known = take_moments(dataclasses.replace(reading, blocks=blocks, turns=turns))
     end, error = blocks.borders[-1], 0.0
     weights = torch.nn.functional.pad(window_weights(kind, end), (0, samples - end))
+    velocity = -tone_amplitudes(plane.load().velocity, frequency, rate, weights)
     if known.nodes is None:  # drive rms: one speed for the whole segment
         square = known.survey.mean_square - (known.survey.mean**2 if choices.mean == "removed" else 0)
         a = reflection_of(liner, frequency[:, None], square.clamp(min=0).sqrt().cpu()).T
-        b = torch.zeros_like(a)
-    else:
-        c = nodes.coefficients(reflection_of(liner, read.reshape(-1, 1), nodes.speeds)).unflatten(
-            0, read.shape
-        )  # (F, Q, K)
-        cosine, sine = known.sums["admittance"].sum(0).cpu()[1:].unflatten(0, (2, -1))
-        waves = torch.complex(cosine, -sine)  # sums of T_k e^{-j g t}, (Q + F Q, K, S)
-        forth, back = waves[: len(shifts)].conj(), waves[len(shifts) :].unflatten(0, read.shape)
-        zero = shares[0] * end
-        whole = Blocks((0, end), rate, 1).wave_sums(turns[len(shifts) :])[0]
-        twice = (shares * whole.unflatten(0, read.shape)).sum(1)
-        a = torch.einsum("q,fqk,qks->sf", shares.to(c), c, forth) / zero
-        b = torch.einsum("q,fqk,fqks->sf", shares.to(c), c, back) / zero - twice / zero * a
-        error = interpolation_error(nodes, liner, frequency, known.top_speed(liner))[0]
-    velocity = -tone_amplitudes(plane.load().velocity, frequency, rate, weights)
-    return a, b, velocity, weights, known, error
-
-
-def follow_reference(
-    grid: GridSignal,
-    reference: ReferenceChannel,
-    frequency: Tensor,
-    tone: float | None,
-    block: float,
-    hop: int,
-    weights: Tensor,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """What of v follows a reference channel, in segments under a window of weights, (n,), ``hop`` samples apart.
-
-    Returns:
-        Phase of the reference at each segment's first sample, rad, and half the complex peak amplitude of the v into
-        the liner that follows it, (S, F); squared coherence of the two over pieces of a ``block``, s, (F,), 0 where the
-        reference is 0 throughout.
-    Raises:
-        ValueError: the channel does not cover the station, or has fewer than 8 samples a period.
-    """
-    highest = float(frequency.max())
-    if reference.sampling_rate < COARSE * highest:
-        raise ValueError(
-            f"{reference.name} is sampled at {reference.sampling_rate:g} Hz, less than {COARSE:g} times a period of "
-            f"{highest:g} Hz; its phase between the samples would be wrong"
-        )
-    values, found = reference.at(grid.times), []
-    for f in frequency.tolist():
-        piece, apart = block, 0.0 if tone is None else abs(f - tone * max(1, round(f / tone)))
-        if apart >= SAME_FREQUENCY * f:
-            # A harmonic of the tone is in both channels, and would count as coherent: it has to lie two bins away, at
-            # the zero of Hann's window.
-            piece = max(block, min(2 / apart, grid.samples / grid.rate / FEWEST_PIECES))
-        at = torch.tensor([f], dtype=torch.float64)
-        found.append(transfer_function(values, grid.values, at, grid.rate, segment=piece))
-    amplitude = tone_amplitudes(values.unfold(0, len(weights), hop), frequency, grid.rate, weights)
-    coherence = torch.nan_to_num(torch.cat([each.coherence for each in found]), nan=0.0)
-    return amplitude.angle(), -torch.cat([each.response for each in found]) * amplitude, coherence
+        return a, torch.zeros_like(a), velocity, known, error
+    values = reflection_of(liner, read.reshape(-1, 1), nodes.speeds)
+    c = nodes.coefficients(values).unflatten(0, read.shape)  # (F, Q, K)
+    cosine, sine = known.sums["admittance"].sum(0).cpu()[1:].unflatten(0, (2, -1))
+    waves = torch.complex(cosine, -sine)  # sums of T_k e^{-j g t}, (Q + F Q, K, S)
+    forth, back = waves[: len(shifts)].conj(), waves[len(shifts) :].unflatten(0, read.shape)
+    zero = shares[0] * end
+    whole = Blocks((0, end), rate, 1).wave_sums(turns[len(shifts) :])[0]
+    twice = (shares * whole.unflatten(0, read.shape)).sum(1)
+    a = torch.einsum("q,fqk,qks->sf", shares.to(c), c, forth) / zero
+    b = torch.einsum("q,fqk,fqks->sf", shares.to(c), c, back) / zero - twice / zero * a
+    return a, b, velocity, known, interpolation_error(nodes, liner, frequency, known.top_speed(liner))[0]

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import make_plain, require_positive
+from torchliner.checks import require_choice
+from torchliner.names import FILTERS
 from torchliner.records import BurstRecord
 
 GAUSSIAN_MAD = 1.4826  # standard deviation over median absolute deviation, 1 / Phi^-1(3/4)
 REPEATED, BACKWARDS = "repeated time", "time runs backwards"
 ZERO_RUN, OUTLIER = "run of exact zeros", "outlier"
+LEAST_RUN, MOST_DEVIATIONS = 10, 6.0  # of bursts; standard deviations
 MOST_ZEROS = 0.25  # share of exact zeros in a component
 MOST_DROPPED = 0.10  # share of the bursts
 GAP_CHANCE = 1e-3  # of a gap so long in a Poisson process of the same rate
@@ -23,80 +25,52 @@ MOST_ROUNDING = 0.05  # share of the variance
 FEWEST_PER_PERIOD = 2.0  # bursts in a period of the tone
 
 
-@dataclass(frozen=True)
-class BurstFilters:
-    """Filters in the order in which they are applied; None or False switches one off.
+def validate_bursts(record: BurstRecord, without: Collection[str] = ()) -> BurstRecord:
+    """The record without the bursts that filters refuse, one filter after another; each is counted in ``dropped``.
+
+    ``times`` drops bursts that do not come after all before them, ``zero-runs`` runs of 10 and more successive bursts
+    with a component of exactly 0, ``outliers`` |v - median| above 6 standard deviations, the latter taken from the
+    median absolute deviation, both weighted by transit time.
 
     Args:
-        times: drop bursts that do not come after all before them.
-        zero_runs: drop runs of at least so many successive bursts with a component of exactly 0.
-        outliers: drop |v - median| above so many standard deviations, the latter taken from the median absolute
-            deviation, both weighted by transit time.
+        without: filters that are switched off.
     Raises:
-        ValueError: a run shorter than 2, an outlier limit not above 0.
+        ValueError: nothing would be left.
     """
-
-    times: bool = True
-    zero_runs: int | None = 10
-    outliers: float | None = 6.0
-
-    def __post_init__(self) -> None:
-        make_plain(self)
-        if self.zero_runs is not None and self.zero_runs < 2:
-            raise ValueError(f"zero_runs is {self.zero_runs}; a run has at least 2 bursts")
-        if self.outliers is not None:
-            require_positive("outliers (standard deviations)", self.outliers)
-
-
-def validate_bursts(record: BurstRecord, filters: BurstFilters | None = None) -> BurstRecord:
-    """The record without the bursts that the filters refuse, one after another; each is counted in ``dropped``.
-
-    Raises:
-        ValueError: nothing would be left, or most times repeat or run backwards: then the file is wrong, not a burst.
-    """
-    filters = filters or BurstFilters()
-    if filters.times:
+    for name in without:
+        require_choice("filter", name, FILTERS)
+    if "times" not in without:
         time = record.arrival_time
         step = torch.cat([time.new_ones(1), time[1:] - torch.cummax(time, 0).values[:-1]])
-        counts = {BACKWARDS: int((step < 0).sum()), REPEATED: int((step == 0).sum())}
-        for reason, count in counts.items():
-            if 2 * count > record.bursts:
-                raise ValueError(
-                    f"{record.name}: {reason} at {count} of {record.bursts} bursts; sort the times, split records that "
-                    "follow one another, or state the column of arrival times"
-                )
-        record = record.keep(step > 0, counts)
-    if (shortest := filters.zero_runs) is not None:
-        bad = torch.stack([_runs(values == 0) >= shortest for values in record.components.values()]).any(0)
-        record = record.keep(~bad, {ZERO_RUN: int(bad.sum())})
-    if (limit := filters.outliers) is not None:
-        bad = torch.stack([_outlying(v, record.weights, limit) for v in record.components.values()]).any(0)
-        record = record.keep(~bad, {OUTLIER: int(bad.sum())})
+        record = record.keep(step > 0, {BACKWARDS: int((step < 0).sum()), REPEATED: int((step == 0).sum())})
+    for name, (reason, refused) in {"zero-runs": (ZERO_RUN, _silent), "outliers": (OUTLIER, _outlying)}.items():
+        if name not in without:
+            bad = torch.stack([refused(values, record.weights) for values in record.components.values()]).any(0)
+            record = record.keep(~bad, {reason: int(bad.sum())})
     return record
 
 
-def _runs(flag: Tensor) -> Tensor:
-    """Length of the run of True to which each element belongs, 0 where False, (N,)."""
-    starts = torch.cat([torch.ones(1, dtype=torch.bool), flag[1:] != flag[:-1]])
-    member = starts.cumsum(0) - 1
-    return torch.where(flag, torch.bincount(member)[member], 0)
+def _silent(values: Tensor, _: Tensor) -> Tensor:
+    """Exact zeros in a run of many, bool, (N,)."""
+    _, member, count = torch.unique_consecutive(values == 0, return_inverse=True, return_counts=True)
+    return (values == 0) & (count[member] >= LEAST_RUN)
 
 
-def _outlying(values: Tensor, weights: Tensor, limit: float) -> Tensor:
-    """Values beyond so many standard deviations of the median, bool, (N,)."""
+def _outlying(values: Tensor, weights: Tensor) -> Tensor:
+    """Values too many standard deviations off the median, bool, (N,)."""
 
     def median(of: Tensor) -> float:
         return float(np.quantile(of.numpy(), 0.5, weights=weights.numpy(), method="inverted_cdf"))
 
     away = (values - median(values)).abs()
     # Where more than half of the values are equal the median deviation is 0 and says nothing.
-    return away > limit * max(GAUSSIAN_MAD * median(away), _resolution(values))
+    return away > MOST_DEVIATIONS * max(GAUSSIAN_MAD * median(away), _resolution(values))
 
 
 def _resolution(values: Tensor) -> float:
     """Smallest step between distinct values, in their unit; 0 with fewer than two."""
-    distinct = values.unique()
-    return float(distinct.diff().min()) if len(distinct) > 1 else 0.0
+    steps = values.unique().diff()
+    return float(steps.min()) if len(steps) else 0.0
 
 
 @dataclass(frozen=True)
@@ -116,22 +90,14 @@ class ComponentMoments:
 
 @dataclass(frozen=True)
 class BurstMoments:
-    """Of one station.
-
-    Args:
-        components: by name.
-        weighted: whether transit times were recorded; without them both weightings are one.
-        duration: from the first to the last burst, s.
-        rate: intervals over duration, 1/s; nan with one burst or no duration.  longest_gap: s.
-        irregularity: standard deviation over mean of the intervals: 1 for a Poisson process.
-    """
+    """Of one station; ``irregularity`` of the intervals is 1 for a Poisson process."""
 
     components: dict[str, ComponentMoments]
-    weighted: bool
-    duration: float
-    rate: float
-    longest_gap: float
-    irregularity: float
+    weighted: bool  # whether transit times were recorded; without them both weightings are one
+    duration: float  # from the first to the last burst, s
+    rate: float  # intervals over duration, 1/s; nan with one burst or no duration
+    longest_gap: float  # s
+    irregularity: float  # standard deviation over mean of the intervals
 
 
 def burst_moments(record: BurstRecord) -> BurstMoments:
@@ -168,9 +134,9 @@ class Station:
     flags: tuple[str, ...]
 
     @classmethod
-    def of(cls, raw: BurstRecord, filters: BurstFilters | None = None) -> Station:
+    def of(cls, raw: BurstRecord, without: Collection[str] = ()) -> Station:
         """Validate bursts as read and take their moments."""
-        kept = validate_bursts(raw, filters)
+        kept = validate_bursts(raw, without)
         moments = burst_moments(kept)
         return cls(kept, moments, tuple(_flags(raw, kept, moments)))
 
@@ -182,20 +148,16 @@ class Station:
 
 def _flags(raw: BurstRecord, kept: BurstRecord, moments: BurstMoments) -> Iterator[str]:
     for name, values in raw.components.items():
-        if (share := float((values == 0).sum()) / raw.bursts) > MOST_ZEROS:
+        if (share := float((values == 0).double().mean())) > MOST_ZEROS:
             yield f"{100 * share:.0f} % of {name} are exactly 0 (limit {100 * MOST_ZEROS:g} %): not validated?"
-    gone = 1 - kept.bursts / kept.received
-    if gone > MOST_DROPPED:
-        yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
-    for name, values in raw.components.items():
         # Rounding to a step d adds d^2/12 to the variance.
         step, rms = _resolution(values), moments.components[name].rms
-        share = min(1, step**2 / 12 / rms**2 if rms > 0 else 1)
-        if step == 0:
-            yield f"{name} is constant, {float(values[0]):g} m/s: a dead channel"
-        elif share > MOST_ROUNDING:
-            text = f"rounding alone is {100 * share:.0f} % of its variance (limit {100 * MOST_ROUNDING:g} %)"
-            yield f"{name} is resolved to {step:g} m/s: {text}"
+        rounding = min(1, step**2 / 12 / rms**2 if rms > 0 else 1)
+        if step == 0 or rounding > MOST_ROUNDING:
+            text = f"rounding alone is {100 * rounding:.0f} % of its variance (limit {100 * MOST_ROUNDING:g} %)"
+            yield f"{name} is resolved to {step:g} m/s: {text}" if step else f"{name} is constant, {values[0]:g} m/s"
+    if (gone := 1 - kept.bursts / kept.received) > MOST_DROPPED:
+        yield f"{100 * gone:.0f} % of the bursts dropped (limit {100 * MOST_DROPPED:g} %)"
     rate, gap = moments.rate, moments.rate * moments.longest_gap
     # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
     chance = (kept.bursts - 1) * math.exp(-gap)

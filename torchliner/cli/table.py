@@ -40,20 +40,15 @@ GROUPS = {
         "ldv convert": row("velocity:ldv_convert", "bursts plane-file seen case place below"),
         "ldv educe": row(
             "velocity:ldv_educe",
-            "bursts liner map figure strict filters seen case place",
+            "bursts liner map figure filters seen case place",
             frequency("the tone", "--educe-at"),
-            Option("--reference", "recording of loudspeaker or microphone, or a folder with one a station", FILE),
-            Option("--reference-rate", "of the recording, Hz; default: that of a .wav", NUMBER),
-            Option("--reference-start", "of it, s, on the clock of the arrivals; default 0", NUMBER, default=0.0),
             Of(
                 "bursts.station:StationChoices",
                 "method grid_rate band_limit correction segment overlap window flagged monte_carlo",
                 "from bursts to segments",
                 {"method": names.GRID_METHODS, "overlap": NUMBER, "window": names.STATION_WINDOWS},
             ),
-            choices("phase drive running_window mean wall_filter minimum_coherence interval level_limit"),
-            choices("level_uncertainty level_matched device dtype"),
-            Of("bursts.line:educe_bursts", "reference_phase", "choices"),
+            choices("phase drive running_window mean minimum_coherence interval device dtype"),
         ),
         "audit": row(
             "studies:audit", "planes liner one-tone rows figure base", Of("studies.audit:audit", "averaging", "choices")

@@ -1,6 +1,7 @@
 """Commands that educe an impedance from velocity: educe, replay, ldv info, ldv convert, ldv educe."""
 
 import argparse
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ from torchliner.cli.work import (
     told,
     with_facts,
 )
-from torchliner.io.burst_sources import LineParts, StationSource, write_bursts
+from torchliner.io.burst_sources import StationSource
 from torchliner.io.microphone_file import read_wall_pressure
+from torchliner.io.own_writer import write_several
 from torchliner.io.result_writers import require_places
 from torchliner.io.whole_file import writable, writable_folder
 from torchliner.pressure.dean import with_in_situ
-from torchliner.records.origin import input_file, with_choices
+from torchliner.records.origin import with_choices
 from torchliner.report.of_map import draw_pictures
 
 
@@ -94,13 +96,9 @@ def strict_code(options: argparse.Namespace, *results: Any) -> int:
     return int(options.strict and any(each.level_check is not None and each.level_check.failed for each in results))
 
 
-RECORDINGS = (".npy", ".wav", ".mat", ".h5")
-
-
 def ldv_info(options: argparse.Namespace) -> int:
     """Bursts of laser Doppler stations: describe and check."""
-    filters = _filters(options)
-    stations = [Station.of(source.read(), filters) for source in _stations(options)]
+    stations = [Station.of(source.read(), options.without) for source in _stations(options)]
     show(options, stations)
     return int(any(station.flags for station in stations))
 
@@ -111,29 +109,24 @@ def ldv_convert(options: argparse.Namespace) -> None:
     bursts = sum(record.bursts for record in records)
     plain = {"output": str(options.output), "stations": len(records), "bursts": bursts}
     words = f"{options.output}: {len(records)} stations, {bursts} bursts"
-    show(options, told(words, plain), lambda path: write_bursts(records, path))
+    show(options, told(words, plain), lambda path: write_several(records, path))
 
 
-def ldv_educe(options: argparse.Namespace) -> int:
+def ldv_educe(options: argparse.Namespace) -> None:
     """The same: impedance along a line of stations; resumable with -o."""
     sources, parts = _stations(options), None
     liner = tl.load_liner(options.liner or preset_named(sources[0].read().liner, sources[0].path))
     if options.output is not None:
-        parts = LineParts(Path(f"{options.output}.parts"))
-        writable_folder(parts.folder)
-        if parts.there and not options.quiet:
-            print(f"{parts.folder} holds {parts.there} finished stations, which are taken up", file=sys.stderr)
+        parts = Path(f"{options.output}.parts")
+        writable_folder(parts)
+        if (there := len([*parts.glob("*.h5")])) and not options.quiet:
+            print(f"{parts} holds {there} finished stations, which are taken up", file=sys.stderr)
     with progress_bar(len(sources), options, "station") as step:
-        about = {"filters": _filters(options), "reference": _reference(options), "parts": parts, "progress": step}
-        line = tl.educe_bursts(sources, liner, options.educe_at, **options.chosen, **about)
-    line = with_choices(line, command=options.typed)
-    if options.reference is not None and options.reference.is_dir():
-        channels = input_file("reference channels", options.reference)
-        line = with_choices(line, inputs=[*line.choices["inputs"], channels])
+        about = options.chosen | {"without": options.without, "parts": parts, "progress": step}
+        line = with_choices(tl.educe_bursts(sources, liner, options.educe_at, **about), command=options.typed)
     show(options, line, line.write)
     if parts is not None:
-        parts.clear()
-    return strict_code(options, line)
+        shutil.rmtree(parts, ignore_errors=True)
 
 
 def _stations(options: argparse.Namespace) -> list[StationSource]:
@@ -141,29 +134,3 @@ def _stations(options: argparse.Namespace) -> list[StationSource]:
     if "components" in options.reading:
         options.reading["components"] = options.reading["components"].split(",")
     return tl.list_stations(options.source, **options.reading, **options.facts)
-
-
-def _filters(options: argparse.Namespace) -> tl.BurstFilters:
-    """Which bursts count."""
-    chosen: dict[str, Any] = {name.replace("-", "_"): None for name in options.without}
-    return tl.BurstFilters(**chosen | ({"times": False} if "times" in chosen else {}))
-
-
-def _reference(options: argparse.Namespace) -> Any:
-    """A channel for all stations, or a function that reads that of each."""
-    path, rate, start = options.reference, options.reference_rate, options.reference_start
-
-    def read(recording: Any) -> tl.ReferenceChannel:
-        found = tl.read_signal(recording, rate)
-        return tl.ReferenceChannel(found.signal, found.sampling_rate, start, str(recording))
-
-    def of_station(source: StationSource) -> tl.ReferenceChannel:
-        stem = source.path.stem if source.number is None else f"{source.path.stem}_{source.number}"
-        for suffix in RECORDINGS:
-            if (recording := path / f"{stem}{suffix}").exists():
-                return read(recording)
-        raise FileNotFoundError(f"{path} holds no recording {stem}{{{','.join(RECORDINGS)}}} for {source.name}")
-
-    if path is None:
-        return None
-    return of_station if path.is_dir() else read(path)

@@ -1,6 +1,6 @@
 """The records everything passes through."""
 
-from torchliner.records.burst_record import BurstRecord, ReferenceChannel
+from torchliner.records.burst_record import BurstRecord
 from torchliner.records.educed import Educed, Interval, PointImpedances, PointUncertainty
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
@@ -24,7 +24,6 @@ __all__ = [
     "PointImpedances",
     "PointUncertainty",
     "PressureRecord",
-    "ReferenceChannel",
     "StoredVelocity",
     "VelocityPlane",
     "WallEduction",

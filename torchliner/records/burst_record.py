@@ -1,4 +1,4 @@
-"""Velocity in, one burst at a time: what a laser Doppler system records at one station, and a signal beside it."""
+"""Velocity in, one burst at a time: what a laser Doppler system records at one station."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_positive
 from torchliner.records.case import OfOneTone, signal_tensor
 from torchliner.records.declared import ANY, check, record, table_of, var
 from torchliner.records.outlets import Written
@@ -98,47 +97,3 @@ class BurstRecord(Written, OfOneTone):
 
 
 UNITS = {row.field: row.unit for row in table_of(BurstRecord, "arrival_time", "transit_time", *COMPONENTS)}
-
-
-@record
-class ReferenceChannel:
-    """Loudspeaker voltage or microphone, uniformly sampled on the clock of the arrivals, in any unit: its phase and
-    its coherence with v count.
-
-    Args:
-        sampling_rate: Hz.
-        name: how messages call it.
-    Raises:
-        TypeError, ValueError: values that are not real and finite; a signal that is constant.
-    """
-
-    values: Any = var("time", range=ANY, text="any unit")
-    sampling_rate: float
-    start: float = var(unit="s", range=ANY, text="time of the first sample on the clock of the arrivals", default=0.0)
-    name: str = "reference"
-
-    def __post_init__(self) -> None:
-        values = signal_tensor(self.values, "reference", self.name, "values").to(torch.float64)
-        object.__setattr__(self, "values", values)
-        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
-        check(self)
-        if len(values) < 2 or float(values.min()) == float(values.max()):
-            raise ValueError(f"{self.name} is constant, {float(values[0]):g}; it holds no tone")
-
-    def at(self, times: Tensor) -> Tensor:
-        """Values at times on the clock of the arrivals, s, (t,), between the samples linearly.
-
-        Raises:
-            ValueError: the channel does not cover them.
-        """
-        first, last, end = float(times[0]), float(times[-1]), self.start + (len(self.values) - 1) / self.sampling_rate
-        slack = 1e-9 * max(1.0, abs(last))
-        if first < self.start - slack or last > end + slack:
-            raise ValueError(
-                f"{self.name} runs from {self.start:.6g} to {end:.6g} s, the velocity from {first:.6g} to "
-                f"{last:.6g} s; record the whole of it, or state start, the time of its first sample on the clock of "
-                "the arrivals"
-            )
-        place = ((times - self.start) * self.sampling_rate).clamp(0, len(self.values) - 1)
-        before = place.floor().to(torch.int64).clamp(max=len(self.values) - 2)
-        return torch.lerp(self.values[before], self.values[before + 1], place - before)

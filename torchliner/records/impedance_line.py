@@ -1,7 +1,6 @@
 """Impedance out of stations that were measured one after another: a line of laser Doppler data."""
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY
 from typing import Any, ClassVar
 
 import torch
@@ -16,7 +15,6 @@ from torchliner.conversions import (
 from torchliner.records.case import Found
 from torchliner.records.declared import Variable, flat, part, record, require_shapes, var
 from torchliner.records.educed import Interval
-from torchliner.records.level_check import LevelCheck
 from torchliner.records.outlets import DrawnAtFrequency, Result
 
 
@@ -52,8 +50,7 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     """Impedance of every segment of every station, with averages and all choices.
 
     Impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S segments at most, F
-    frequencies; nan beyond a station's segments. Phases are those at time 0 of the arrivals, or relative to the
-    reference channel.
+    frequencies; nan beyond a station's segments. Phases are those at time 0 of the arrivals.
 
     Args:
         interval: statistical, of the mean over segments (5.1), (N, F); None without any.
@@ -71,25 +68,21 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     mean_velocity: Tensor = var("station", unit="m/s", text="mean of v, positive away from the liner, by transit times")
     velocity_rms: Tensor = var("station", unit="m/s", text="rms of v about its mean, likewise")
     velocity_amplitude: Tensor = var(*STATION, unit="m/s", kind="complex", text="peak amplitude of v into the liner")
-    coherence: Tensor = var(*STATION, text="squared coherence of v with the tone or the reference")
+    coherence: Tensor = var(*STATION, text="squared coherence of v with the tone")
     attenuation: Tensor = var(*STATION, kind="complex", text="factor by which the grid attenuates the tone")
     corrected: Tensor = var(*STATION, kind="flag", text="whether that was taken off")
-    phase_held: Tensor = var(*STATION, text="share of the segments in which the phase rule was used")
     rate: Tensor = var("station", unit="1/s", text="arrivals a second")
     grid_rate: Tensor = var("station", unit="Hz", text="sampling rate of the uniform grid")
     longest_gap: Tensor = var("station", unit="s", text="longest time without a burst")
     received: Tensor = var("station", text="bursts in the file")
     bursts: Tensor = var("station", text="bursts that count")
     used: Tensor = var("station", kind="flag", text="whether a station counts in averages")
-    wall: Tensor | None = var(*STATION, kind="flag", text="whether it counts as wall, of admittance 0", default=None)
     interval: Interval | None = part("", *STATION, text="moving blocks over segments", default=None)
     names: tuple[str, ...] = var("station", kind="text", name="station_name", text="title of the station", default=())
     flags: tuple[tuple[str, ...], ...] = ()
     dropped: tuple[Mapping[str, int], ...] = ()
     station_notes: tuple[tuple[str, ...], ...] = ()
     average: LineAverage | None = part("line_", text="of the line", default=None)
-    _: KW_ONLY
-    level_check: LevelCheck | None = part(default=None)
 
     DERIVED: ClassVar = (
         Variable("segment_impedance", dims=SEGMENT, name="segment_{}", text="of each segment"),
@@ -100,7 +93,6 @@ class ImpedanceLine(DrawnAtFrequency, Result, Found):
     )
     SCHEMA: ClassVar = "torchliner line 1"
     PLACES: ClassVar = {"stations": ("station",)}
-    axes: ClassVar = {"places": ("station",)}  # dimensions of its file
     PLOT: ClassVar = "torchliner.report.fields:draw_lines"
 
     def __post_init__(self) -> None:

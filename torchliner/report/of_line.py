@@ -17,7 +17,6 @@ from torchliner.records.notes import Note
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
 from torchliner.report.curves import ORDERS, draw_points, points_along_x
 from torchliner.report.fields import draw_lines
-from torchliner.report.of_map import level_line, state_of
 from torchliner.report.table import Row, table_of
 from torchliner.studies.variants import rows_of
 
@@ -71,14 +70,13 @@ def of_line(line: ImpedanceLine) -> Answer:
     flags = [f"{name}: {flag}" for name, several in zip(line.names, line.flags, strict=True) for flag in several]
     return Answer(
         title=f"Impedance line: {line.title}" if line.title else "Impedance line",
-        lines=[words, level_line(line, 0)],
+        lines=[words],
         table=table_of(rows, "frequency,impedance,interval,spread,goodrich"),
         brief=table_of(rows if len(rows) > 1 else [], "frequency,impedance,interval"),
         caption="Z = 1/mean(1/Z) over ρc over the stations that count, eq. (5.2); spread: along the line.",
         grids=[Grid("stations", "A row a station and frequency.", table_of(stations, STATIONS))],
         remarks=["Z is p/(ρc v), exp(+jωt).", *(f"{name}: Z = {z:.3f}." for name, z in line.reference.items())],
         notes=[*line.notes, *flags],
-        state=state_of(line, 0),
         pictures=[Picture("along-x", caption, partial(draw_lines, line), lambda: stations)],
         results=[line],
     )

@@ -9,7 +9,7 @@ import torch
 
 from torchliner.engine.moments import ReducedVelocity
 from torchliner.names import unique_names
-from torchliner.records import ImpedanceLine, ImpedanceMap, VelocityPlane
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.report import curves, studies
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
@@ -119,7 +119,7 @@ def _line(result: ImpedanceMap, index: int) -> str:
     return f"{words} in units of ρc {at}, {what}, averaging {result.averaging}{end}."
 
 
-def level_line(result: ImpedanceMap | ImpedanceLine, index: int) -> str:
+def level_line(result: ImpedanceMap, index: int) -> str:
     """'Level check fails: -1.93 dB off ...', or why there is none."""
     check, verdict = result.level_check, state_of(result, index)
     if check is None:
@@ -130,7 +130,7 @@ def level_line(result: ImpedanceMap | ImpedanceLine, index: int) -> str:
     return f"Level check {'is ' * (verdict == INCONCLUSIVE)}{verdict}: {level} {result.level_check_words}."
 
 
-def state_of(result: ImpedanceMap | ImpedanceLine, index: int) -> str:
+def state_of(result: ImpedanceMap, index: int) -> str:
     """Of the level check of the answer; "" without one."""
     check = result.level_check
     return "" if check is None else check.verdict(check.averaging, index)
