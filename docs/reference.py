@@ -26,7 +26,7 @@ GROUPS: dict[str, tuple[str, str]] = {
     ),
     "Laser Doppler": (
         "From bursts to an impedance line.",
-        "BurstRecord ReferenceChannel read_bursts list_stations BurstFilters validate_bursts "
+        "BurstRecord read_bursts list_stations validate_bursts "
         "burst_moments educe_bursts ImpedanceLine read_line tone_attenuation",
     ),
     "Pressures": (

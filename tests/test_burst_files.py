@@ -8,8 +8,9 @@ import pytest
 from conftest import same_bits
 
 import torchliner as tl
-from torchliner.io.burst_sources import read_bursts, write_bursts
-from torchliner.io.burst_text import STATED, read_burst_columns, read_burst_csv, read_dantec
+from torchliner.io.burst_sources import read_bursts
+from torchliner.io.burst_text import STATED, read_burst_columns, read_dantec
+from torchliner.io.own_writer import write_several
 from torchliner.records.burst_record import UNITS
 
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
@@ -68,7 +69,7 @@ def test_non_coincident_export(tmp_path):
     assert alone.wall_normal.tolist() == [0.1, 0.2, 0.3, 0.4]
     assert alone.arrival_time.tolist() == pytest.approx([5e-4, 1.001e-3, 3.002e-3, 7e-3])
     assert alone.streamwise is None
-    assert "streamwise (3 bursts)" in alone.notes[0]
+    assert "streamwise has its own arrival times" in alone.notes[0]
     first = read_dantec(path, ["wall_normal", "skip"])  # that which is skipped may be the longer one
     assert (first.wall_normal.tolist(), first.notes) == ([30, 31, 32], ())
     assert read_dantec(path, ["skip", "wall_normal"]).wall_normal.tolist() == [0.1, 0.2, 0.3, 0.4]
@@ -87,7 +88,7 @@ def edited(row, column, text):
     ("how", "options", "words"),
     [
         ({"version": "v4"}, {}, ["line 1", "'DXEX v4'", "'DXEX v5'"]),
-        ({"rows": []}, {}, ["no bursts", "line 8"]),
+        ({"rows": []}, {}, ["no values", "line 6"]),
         ({"names": replaced(PAIRED, "AT [ms]", "Time [ms]")}, {}, ["'arrival_time' is missing", "'AT [ms]'"]),
         ({"names": replaced(PAIRED[:4], "LDA1 [m/s]", "Anode [V]")}, {}, ["'LDA1 [m/s]'", "Anode [V]"]),
         ({"names": replaced(PAIRED, "LDA2 [m/s]", "LDA0 [m/s]")}, {}, ["from 1", "LDA0"]),
@@ -110,7 +111,7 @@ def test_faulty_exports_are_refused(tmp_path, how, options, words):
 
 def test_empty_and_cut_files_are_refused(tmp_path):
     (tmp_path / "e.txt").write_text(" \n")
-    for read in (read_dantec, read_burst_csv, read_bursts, lambda path: read_burst_columns(path, LAYOUT)):
+    for read in (read_dantec, read_bursts, read_burst_columns):
         with pytest.raises(ValueError, match=r"e.txt is empty"):
             read(tmp_path / "e.txt")
     (tmp_path / "cut.txt").write_text("DXEX v3\nproject\n")
@@ -139,14 +140,13 @@ def test_columns_in_the_stated_order(tmp_path, comma):
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ("arrival_time [ms], wall_normal [m/s]", "5 cells, 2 columns"),
+        ("arrival_time [ms], wall_normal [m/s]", "5 cells, the header 2"),
         ("row, arrival_time, skip, skip, wall_normal [m/s]", "'arrival_time' has no unit"),
         ("row, arrival_tme [ms], skip, skip, wall_normal [m/s]", "did you mean 'arrival_time'"),
         ("row, skip, skip, skip, wall_normal [m/s]", "'arrival_time' is missing"),
         ("row, arrival_time [ms], skip, skip, skip", "no velocity"),
         ("row, arrival_time [ms], skip, skip, wall_normal [ms]", "velocity is needed"),
         ("row, arrival_time [ms], skip, wall_normal [m/s], wall_normal [m/s]", "named twice"),
-        ("row, -arrival_time [ms], skip, skip, wall_normal [m/s]", "only velocities"),
         (LAYOUT, "line 2, column 'wall_normal' is ''"),
     ],
 )
@@ -171,7 +171,7 @@ def test_stations_come_back_from_hdf5_bit_for_bit(tmp_path):
         tl.BurstRecord(np.array([1.0, 2.0]), np.ones(2), x=0.5, y=1e-3, z=0.0, frequency=1500.0, title="s2"),
     ]
     path = tmp_path / "all.h5"
-    write_bursts([records[2], *records[:2]], path)
+    write_several([records[2], *records[:2]], path)
     found = read_bursts(path)
     assert [each.name.rpartition(", ")[2] for each in found] == ["station 1", "station 2", "station 0"]
     for one, other in zip(records, found, strict=True):
@@ -199,7 +199,7 @@ def write_burst_csv(record, path):
 def test_a_station_comes_back_from_csv_bit_for_bit(tmp_path):
     record = record_of(3, liner="onera", source_side="upstream")
     write_burst_csv(record, tmp_path / "s.csv")
-    assert same_bits(dataclasses.replace(read_burst_csv(tmp_path / "s.csv"), provenance={}), record)
+    assert same_bits(dataclasses.replace(read_burst_columns(tmp_path / "s.csv"), provenance={}), record)
 
 
 def test_csv(tmp_path):
@@ -208,7 +208,7 @@ def test_csv(tmp_path):
         "# from the lab\n# x = 12.5 mm\n# frequency = 1.5 kHz\n# liner = onera\n"
         "arrival_time [ms];wall_normal [cm/s]\n1,5;20\n2,5;-30,5\n"
     )
-    record = read_burst_csv(path)
+    record = read_burst_columns(path)
     assert record.arrival_time.tolist() == pytest.approx([1.5e-3, 2.5e-3])
     assert record.wall_normal.tolist() == pytest.approx([0.2, -0.305])
     assert (record.x, record.frequency, record.liner) == (pytest.approx(0.0125), 1500.0, "onera")
@@ -217,7 +217,7 @@ def test_csv(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("arrival_time [s],wall_normal [m/s]\n", "holds no bursts"),
+        ("arrival_time [s],wall_normal [m/s]\n", "holds no values"),
         ("# x = 1 m\n", "no header line"),
         ("arrival_time [s],transit_time [s]\n1,2\n", "no velocity"),
         ("# x = 2\narrival_time [s],wall_normal [m/s]\n1,2\n", "line 1, x has units ''"),
@@ -227,7 +227,7 @@ def test_faulty_csv_is_refused(tmp_path, text, words):
     path = tmp_path / "s.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=words):
-        read_burst_csv(path)
+        read_burst_columns(path)
 
 
 @pytest.mark.parametrize("option", [{"components": ["-wall_normal"]}, {"separator": "comma"}])
@@ -236,9 +236,9 @@ def test_options_of_other_formats_are_refused(tmp_path, option):
     tl.BurstRecord([0.1, 0.2], wall_normal=[1.0, 2.0], x=0.0, y=1e-3, z=0.0).write(tmp_path / "a.h5")
     (tmp_path / "a.csv").write_text("arrival_time [s],wall_normal [m/s]\n1,5\n")
     for ending in (".csv", ".h5"):
-        with pytest.raises(ValueError, match=rf"a{ending} is .* takes no {next(iter(option))}="):
+        with pytest.raises(ValueError, match=rf"a{ending} .* {next(iter(option))}"):
             read_bursts(tmp_path / f"a{ending}", **option)
-    with pytest.raises(ValueError, match=r"b.txt is of format DXEX and takes no columns="):
+    with pytest.raises(ValueError, match=r"b.txt takes no columns"):
         read_bursts(dxex(tmp_path / "b.txt"), columns=LAYOUT)
 
 
@@ -256,5 +256,3 @@ def test_folders(tmp_path):
     (tmp_path / "b.txt").write_text("1 2 3 4 5\n")
     with pytest.raises(ValueError, match=r"b.txt begins with '1 2 3 4 5'.*--columns"):
         read_bursts(tmp_path)
-    with pytest.raises(ValueError, match=r"b.txt states no position"):
-        read_bursts(tmp_path, columns=LAYOUT)

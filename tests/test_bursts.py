@@ -16,7 +16,6 @@ from torchliner.bursts.stations import (
     BACKWARDS,
     OUTLIER,
     REPEATED,
-    BurstFilters,
     Station,
     burst_moments,
     validate_bursts,
@@ -64,20 +63,12 @@ def test_times_that_repeat_or_step_back_are_dropped_and_counted():
     """Of equal times the first stays; after a step back all until the old time is passed."""
     time = np.array([0.0, 1.0, 1.0, 3.0, 2.0, 2.5, 4.0])
     record = tl.BurstRecord(time, np.arange(7.0))
-    kept = validate_bursts(record, BurstFilters(outliers=None))
+    kept = validate_bursts(record, ["outliers"])
     assert kept.dropped == {BACKWARDS: 2, REPEATED: 1}
     assert kept.arrival_time.tolist() == [0, 1, 3, 4]
     assert kept.wall_normal.tolist() == [0, 1, 3, 6]
     assert kept.received == 7
-    assert validate_bursts(record, BurstFilters(times=False)).bursts == 7
-
-
-def test_times_that_run_backwards_are_refused():
-    record = tl.BurstRecord(np.arange(10.0)[::-1], np.ones(10), name="back.txt")
-    with pytest.raises(ValueError, match=r"back.txt: time runs backwards at 9 of 10 bursts"):
-        validate_bursts(record)
-    with pytest.raises(ValueError, match="repeated time at 9 of 10 bursts"):
-        validate_bursts(tl.BurstRecord(np.zeros(10), np.ones(10)))
+    assert validate_bursts(record, ["times"]).bursts == 7
 
 
 def test_outliers_of_either_component_are_dropped():
@@ -90,7 +81,7 @@ def test_outliers_of_either_component_are_dropped():
     kept = validate_bursts(dirty)
     assert kept.dropped == {OUTLIER: 3}
     assert float(kept.wall_normal.abs().max()) < 4
-    assert validate_bursts(dirty, BurstFilters(outliers=None)).bursts == 3000
+    assert validate_bursts(dirty, ["outliers"]).bursts == 3000
 
 
 def test_each_fault_is_flagged():
@@ -226,9 +217,6 @@ def test_factor_and_image_say_what_becomes_of_any_tone(method, window):
     assert complex(factors.true_amplitude(line)[0]) == pytest.approx(amplitude * phase, abs=1e-12)
     again = factors.line(corrected_coherent_part(found, factors))
     assert complex(again[0]) == pytest.approx(amplitude * phase, abs=1e-12)
-    back = corrected_coherent_part(found, factors, noise=True)
-    wanted = 2.5 + tone(found.times, amplitude)
-    assert float((back.values - wanted).abs().max()) < 1e-10
     limit = 0.1 if method != GRID_METHODS[2] else 1e-3
     assert abs(complex(line[0]) - amplitude * phase) > limit
 
@@ -247,14 +235,6 @@ def test_corrected_line_is_lomb_and_scargles():
     assert abs(complex(back[0])) == pytest.approx(abs(complex(seen)) / 2, rel=1e-9)
 
 
-def test_long_gaps_are_warned_of():
-    times = torch.arange(1000, dtype=torch.float64) / 10e3
-    times[400:] += 0.03
-    with pytest.warns(tl.DataWarning, match=r"longest gap between arrivals is 30.1 ms at 0.0399 s"):
-        found = onto_grid(times, torch.zeros(1000), 10e3)
-    assert found.longest_gap == pytest.approx((0.0301, 0.0399))
-
-
 TIMES = torch.arange(100, dtype=torch.float64) / 10e3
 ZEROS = torch.zeros(100)
 
@@ -262,12 +242,11 @@ ZEROS = torch.zeros(100)
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: onto_grid([0.0, 2.0, 1.0], [1.0, 1.0, 1.0]), "1 times do not increase, first 2 s"),
-        (lambda: onto_grid([0.0], [1.0]), "two samples at least"),
+        (lambda: onto_grid([0.0, 2.0, 1.0], [1.0, 1.0, 1.0]), "1 times do not increase, first after 2 s"),
+        (lambda: onto_grid([0.0], [1.0]), "two finite samples at least"),
         (lambda: onto_grid(TIMES, ZEROS, 0.0), "rate of the grid .* is 0"),
         (lambda: onto_grid(TIMES, ZEROS, 50.0), r"has 1\.\d+ points"),
-        (lambda: onto_grid([TIMES, TIMES], [ZEROS, ZEROS]), r"shape \(2, 100\)"),
-        (lambda: onto_grid(TIMES, ZEROS + math.nan), "100 samples are nan or inf"),
+        (lambda: onto_grid(TIMES, ZEROS + math.nan), "two finite samples"),
         (lambda: onto_grid(TIMES, ZEROS[1:]), r"\(100,\), values \(99,\)"),
         (lambda: onto_grid(TIMES, ZEROS, method="lineal"), "did you mean 'linear'"),
         (lambda: onto_grid(TIMES, ZEROS, method="band-limited", band=-1.0), "band .* is -1"),

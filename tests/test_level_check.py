@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 from conftest import DATA, FREQUENCY, RATE, Resistive, codes, turbulence
-from test_stations import station
 
 import torchliner as tl
 from torchliner.cli.main import main
@@ -275,66 +274,3 @@ def test_the_phase_is_of_one_clock(cut, tmp_path):
         assert float(found.liner.phase[1, 0]) == pytest.approx(0, abs=1e-5)
     elsewhere = dataclasses.replace(later, start=9.0)
     assert "without phase" in tl.educe(elsewhere, MODEL, pressure=record).level_check.known
-
-
-def rough_station(seed: int, noise: float = 3.0, **about):
-    """A tone under noise of every frequency, and a reference on the clock of its arrivals."""
-    phase = about.pop("phase", 0.3)
-    record = station(seed, seconds=0.3, rms=0.0, phase=phase, **about)
-    rough = torch.from_numpy(np.random.default_rng(seed).normal(size=record.bursts))
-    loud = np.cos(2 * np.pi * record.frequency * np.arange(16_000) / 40e3 + phase)
-    record = dataclasses.replace(record, wall_normal=record.wall_normal + noise * rough)
-    return record, tl.ReferenceChannel(loud, 40e3)
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-@pytest.mark.parametrize("referred", [False, True])
-def test_stations_scatter_as_their_closure_says(onera, referred):
-    levels, errors = [], []
-    for seed in range(40):
-        record, loud = rough_station(seed, incident_level=140.0, source_side="normal")
-        reference = loud if referred else None
-        gap = tl.educe_bursts([record], onera, reference=reference, segment=0.04).level_check.liner
-        levels.append(float(gap.level[0, 0]))
-        errors.append(float(gap.level_high - gap.level_low) / 2 / 1.96)
-    assert np.mean(errors) == pytest.approx(np.std(levels, ddof=1), rel=0.3)
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-@pytest.mark.parametrize(("side", "level"), [("normal", 139.5), ("upstream", 137.2)])
-def test_stations_without_a_common_clock_do_not_close_by_their_phases(onera, side, level):
-    """Each begins at any phase: at normal incidence nothing is compared, along the liner sizes are."""
-    about = {"incident_level": level, "source_side": side}
-    starts = np.random.default_rng(5).uniform(0, 2 * np.pi, 6)
-    on_one, on_own, channels = [], [], []
-    for seed in range(6):
-        on_one.append(rough_station(seed, 0.3, **about)[0])
-        record, loud = rough_station(seed, 0.3, phase=starts[seed], **about)
-        on_own.append(record)
-        channels.append(loud)
-    wanted = tl.educe_bursts(on_one, onera, segment=0.04, reference=rough_station(0, **about)[1]).level_check
-    assert "mean size" not in wanted.known
-    referred = tl.educe_bursts(on_own, onera, segment=0.04, reference=channels).level_check
-    assert float(referred.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.1)
-    line = tl.educe_bursts(on_own, onera, segment=0.04)
-    if side == "normal":
-        assert line.level_check is None
-        assert "the stations share no reference channel" in line.level_check_words
-        one = tl.educe_bursts(on_own[:1], onera, segment=0.04).level_check
-        assert float(one.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.5)
-    else:
-        assert "mean size of V, without a reference channel" in line.level_check_words
-        assert float(line.level_check.liner.level) == pytest.approx(float(wanted.liner.level), abs=0.1)
-        torch.testing.assert_close(line.level_check.cells.level, wanted.cells.level, atol=0.5, rtol=0)
-
-
-@pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-def test_a_level_is_that_of_the_stated_tone(onera):
-    record = station(0, incident_level=130.0, source_side="upstream")
-    alone = tl.educe_bursts([record], onera, segment=0.04).level_check
-    both = tl.educe_bursts([record], onera, [1000.0, 1500.0], segment=0.04).level_check
-    assert both.liner.level[0, 0].isnan()
-    torch.testing.assert_close(both.liner.level[0, 1], alone.liner.level[0, 0])
-    other = tl.educe_bursts([record], onera, 1000.0, segment=0.04)
-    assert other.level_check is None
-    assert "nothing is known at the frequencies asked for" in other.level_check_words

@@ -1,7 +1,6 @@
 """Lines of microphones: the record, its files, and signals beside a reference channel."""
 
 import cmath
-import json
 import math
 
 import h5py
@@ -158,12 +157,6 @@ def test_a_table_by_hand(tmp_path):
     for options, words in (({"frequency": 1400.0}, "has no 1400 Hz"), ({"segment": 0.1}, "leave segment out")):
         with pytest.raises(ValueError, match=words):
             read_microphones(path, **options)
-    text = CSV.replace(";frequency [kHz]", "").replace(";1,5", "")
-    path.write_text("# frequency = 1.5 kHz\n" + text)
-    assert torch.equal(read_microphones(path).pressure, line.pressure)
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"a column 'frequency \[Hz\]' or a line"):
-        read_microphones(path)
 
 
 @pytest.mark.parametrize(
@@ -173,14 +166,12 @@ def test_a_table_by_hand(tmp_path):
         ("50 mm", "50 mn", r"line 1, duct_height has units 'mn' .did you mean 'm'"),
         ("duct_height", "duct_hight", "line 1 states 'duct_hight' .did you mean 'duct_height'"),
         ("# mach = 0.3 1", "# mach = 0.3 1\n# mach = 0.2 1", "line 3 states 'mach' a second time"),
-        ("# mach", "# frequency = 1 kHz\n# mach", "either a column .frequency"),
         ("x [mm]", "x", "column 'x' has no unit"),
         ("SPL [dB]", "SPL [Pa]", "column 'spl' has units 'Pa'.*a level is needed in one of dB"),
         ("129,5", "129.5", "mixes decimal marks: line 12 has '-40,5', line 12 has '129.5'"),
         (";1,5\n0;", "\n0;", "line 12, column 'frequency' is ''; a number is needed"),
-        ("129;1,5", "129;1,2", r"has \[1, 2\] microphones at \[1200.0, 1500.0\] Hz"),
+        ("129;1,5", "129;1,2", "the frequencies of a line share their microphones"),
         ("290 K", "17 K", "temperature is 17 K; Sutherland's law"),
-        ("290 K", "290 K\n# density = 1.2 kg/m3", "states a temperature and density"),
         ("0.3", "1.3", "mach is 1.3; .* is needed"),
     ],
 )
@@ -248,10 +239,7 @@ def test_signal_files(tmp_path):
     write_signals(line, pressure, reference, path)
     found = read_microphones(path)
     assert float((found.pressure / line.pressure - 1).abs().max()) < 0.02
-    report = found.provenance["flow_noise"]
-    assert report["segments"] == 15
-    assert 0 < report["largest_rejected_level_db"] < 0.1
-    assert json.loads(json.dumps(report)) == report
+    assert 0.95 < float(found.coherence.min()) < 1
     one = read_microphones(path, 1500.0, segment=0.02)
     assert one.frequency.tolist() == [1500.0]
     for name, words in (("reference", ":/reference is missing"), ("frequency", "states no frequency")):

@@ -12,9 +12,9 @@ from test_burst_files import write_burst_csv
 
 import torchliner as tl
 from torchliner.bursts import line as bursts_module
-from torchliner.bursts.averages import monte_carlo, segment_admittances, station_intervals
+from torchliner.bursts.averages import monte_carlo, station_intervals
 from torchliner.cli.main import main
-from torchliner.io.burst_sources import LineParts
+from torchliner.conversions import admittance_from_reflection
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -79,7 +79,6 @@ def test_segments_are_as_if_educed_one_by_one(onera, phase):
 def test_a_station_depends_on_no_other(onera, line):
     fast = station(9, tone=8.0, x=0.5)
     other = educed([fast, *(station(seed) for seed in (2, 0, 1))], onera)
-    assert other.names == ("s0", "s1", "s2", "s9")
     for i, name in enumerate(line.names):
         j = other.names.index(name)
         count = int(line.segments[i])
@@ -151,21 +150,15 @@ def test_stations_of_unequal_length_share_a_line(onera):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"segment": 0.3}, r"s0: \d+ bursts over 0\.399.* s hold 1 segments of 0\.3 s .*segment"),
+        ({"segment": 0.3}, r"s0: \d+ bursts over 0\.399.* s.* hold 1 segments of 0\.3 s .*segment"),
         ({"overlap": 1.0}, "overlap is 1; it is a share of a segment"),
         ({"overlap": 0.9999}, r"s0: .* hold \d+ segments of 0\.04 s that overlap by 0\.9999; 2 to 5000"),
-        ({"phase": "given", "reference_phase": float("nan")}, "reference_phase holds values that are not finite"),
-        ({"background": 1.0}, "background is 1.0; it is for planes"),
+        ({"background": 1.0}, "background is only used with|background is 1.0; it is for planes"),
         ({"missing": "exclude"}, "missing is 'exclude'; it is for planes"),
         ({"method": "cubic"}, "unknown method 'cubic'"),
-        ({"correction": "tones"}, "unknown correction 'tones' .did you mean 'tone'"),
-        ({"band_limit": 900.0}, "band_limit is for method 'band-limited', not 'linear'"),
         ({"monte_carlo": 1}, "monte_carlo is 1; it is 2 to"),
         ({"frequency": 11e3}, r"s0: .* arrivals a second .* fewer than two a period of 11000 Hz"),
-        ({"phase": "given"}, "phase='given' needs a reference channel, or reference_phase"),
-        ({"phase": "averaged", "reference_phase": 1.0}, "reference_phase is only used with"),
-        ({"phase": "given", "reference_phase": [1.0, 2.0]}, "2 reference phases for 1 stations"),
-        ({"reference": [None, None]}, "2 reference channels for 1 stations"),
+        ({"phase": "given"}, "phase is 'given'; stations share no clock"),
     ],
 )
 def test_faulty_choices_are_refused(onera, change, message):
@@ -182,15 +175,13 @@ def test_faulty_stations_are_refused(onera):
     silent = tl.BurstRecord(good.arrival_time, wall_normal=good.wall_normal, name="n.txt")
     thick = station(1, mach=0.3, displacement_thickness=1e-2)
     rows = [
-        ([torn], {"flagged": "use"}, r"torn\.txt: no burst for 0\.1\d* s from .* 0\.04 s.*cut the record"),
+        ([torn], {"flagged": "use"}, r"torn\.txt: .* with a gap of 0\.1\d* s, hold .*cut the record"),
         ([only_u], {}, r"u\.txt holds no wall-normal velocity"),
         ([silent], {}, r"n\.txt states no frequency"),
-        ([], {}, "no station is given"),
-        ([3], {}, "a station is int"),
+        ([], {}, r"stations are \[\]; a file or folder"),
         ([good, station(1, mach=0.3)], {}, r"s1 has mach 0\.3, s0 None"),
         ([station(0, **about), thick], {}, "s1 has displacement thickness"),
         ([good, station(1, frequency=1400.0)], {"frequency": FREQUENCY}, r"s1 has tone \(Hz\) 1400"),
-        ([good, station(5, x=0.0)], {}, "s0 and s5 have the same position"),
         ([station(3, rate=2500.0)], {"flagged": "use"}, r"s3: .* fewer than two a period of 1500 Hz"),
         ([good], {"grid_rate": 1e308}, r"s0: a grid of 1e\+308 Hz"),
     ]
@@ -209,7 +200,7 @@ def test_a_tone_that_is_lost_is_not_raised_from_noise(onera):
 
 def test_monte_carlo_is_the_closed_form_and_its_spread_too(line):
     """Means within four standard errors of the draws; the spread within four per cent."""
-    admittance, counts = segment_admittances(line), line.segments
+    admittance, counts = admittance_from_reflection(line.reflection), line.segments
     draws = 20_000
     drawn = monte_carlo(admittance, counts, draws, seed=1)[:, 0]
     segments = [own[:count, 0].numpy() for own, count in zip(admittance, counts, strict=True)]
@@ -279,90 +270,6 @@ def test_the_paper_is_one_call(onera):
     off, spread = complex(average.monte_carlo[0] - average.impedance[0]), complex(average.monte_carlo_spread[0])
     assert abs(off.real) < 4 * spread.real / math.sqrt(5000)
     assert abs(off.imag) < 4 * spread.imag / math.sqrt(5000)
-
-
-def loudspeaker(frequency: float, rate: float = 40e3) -> tl.ReferenceChannel:
-    return tl.ReferenceChannel(np.cos(2 * np.pi * frequency / rate * np.arange(0.65 * rate)), rate)
-
-
-def drifting(seed: int, seconds: float = 0.6):
-    """A tone whose phase wanders, and the loudspeaker's signal that wanders with it."""
-    generator = np.random.default_rng(seed)
-    clock = np.arange(int(seconds * 40e3)) / 40e3
-    wander = np.interp(clock, np.linspace(0, seconds, 13), generator.uniform(-9, 9, 13))
-    times = np.cumsum(generator.exponential(1 / RATE, int(1.2 * RATE * seconds)))
-    times = times[times < clock[-1] - 0.001]
-    angle = 2 * np.pi * FREQUENCY * times + np.interp(times, clock, wander)
-    velocity = noise(times, generator, 0.4) + 1.5 * np.cos(angle + 0.9)
-    loud = 3.0 * np.cos(2 * np.pi * FREQUENCY * clock + wander)
-    record = tl.BurstRecord(times, wall_normal=velocity, x=0.0, y=1e-3, z=0.0, frequency=FREQUENCY, title="wanders")
-    return record, tl.ReferenceChannel(loud, 40e3)
-
-
-def test_a_reference_sees_a_tone_that_wanders(onera):
-    """v comes out with its amplitude and its lead over the reference (pi on top: v into the liner is -v)."""
-    record, channel = drifting(1)
-    plain = educed([record], onera, correction="none", segment=0.05)
-    referred = educed([record], onera, correction="none", reference=channel, segment=0.05)
-    assert float(referred.coherence[0, 0]) > 0.8
-    assert float(plain.velocity_level[0, 0]) < 0.7 * float(referred.velocity_level[0, 0])
-    assert np.angle(complex(-referred.velocity_amplitude[0, 0])) == pytest.approx(0.9, abs=0.05)
-
-
-def test_a_given_phase_comes_from_the_reference(onera):
-    """x in phase with the loudspeaker: a wandering tone gives what a steady one gives with psi."""
-    steady = station(0, rms=0.2, phase=0.9, seconds=0.6)
-    loud = loudspeaker(FREQUENCY)
-    by_hand = educed([steady], onera, phase="given", reference_phase=0.4)
-    referred = educed([steady], onera, phase="given", reference_phase=0.4, reference=loud)
-    assert float((by_hand.reflection - referred.reflection).abs().max()) < 1e-3
-    other = educed([steady], onera, phase="given", reference_phase=1.4)
-    assert float((by_hand.impedance - other.impedance).abs().max()) > 0.05
-
-
-@pytest.mark.parametrize("others", [[500.0], [200.0, 700.0], [3000.0]])
-def test_a_frequency_with_a_reference_depends_on_no_other(onera, others):
-    """Pieces as long as each needs: 200 Hz beside the tone raised its coherence, 0.40 to 0.88."""
-    loud, record = loudspeaker(FREQUENCY), station(0, tone=0.3)
-    rough = torch.from_numpy(np.random.default_rng(1).normal(size=record.bursts))
-    record = dataclasses.replace(record, wall_normal=record.wall_normal + rough)
-    choices = {"reference": loud, "phase": "self-consistent"}
-    alone = educed([record], onera, **choices)
-    beside = educed([record], onera, frequency=[*others, FREQUENCY], **choices)
-    assert float(alone.coherence[0, 0]) < 0.6
-    assert float(beside.coherence[0, -1]) == pytest.approx(float(alone.coherence[0, 0]), rel=1e-12)
-    assert float((beside.reflection[..., -1] - alone.reflection[..., 0]).abs().max()) < 1e-9
-
-
-def test_the_wall_filter_counts_silent_stations_as_wall(onera):
-    """Admittance 0 in (5.2): one silent station of two doubles Z."""
-    loud, silent = station(0, rms=0.2), station(1, tone=0.0, rms=0.2)
-    alone = educed([loud], onera)
-    both = educed([loud, silent], onera, wall_filter=0.5)
-    assert both.wall.tolist() == [[False], [True]]
-    wanted = 2 * complex(alone.average.impedance[0])
-    assert complex(both.average.impedance[0]) == pytest.approx(wanted, rel=1e-12)
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_one_clock_for_all_stations(onera, which):
-    """V relative to a channel and V on the clock of the arrivals have no common mean."""
-    both = [station(0), station(1)]
-    channels: list = [tl.ReferenceChannel(np.cos(np.arange(26_000) / 5), 40e3)] * 2
-    channels[which] = None
-    with pytest.raises(ValueError, match=r"s1 has phases relative to .*, s0 .*share one case"):
-        educed(both, onera, reference=channels)
-
-
-def test_references_that_tell_no_phase_say_so(onera):
-    random = tl.ReferenceChannel(np.random.default_rng(0).standard_normal(26_000), 40e3)
-    for channel in (random, loudspeaker(700.0)):
-        found = educed([station(0)], onera, reference=channel, phase="given", reference_phase=0.0)
-        assert any("it tells nothing of the phase of the sound" in note for note in found.station_notes[0])
-    with pytest.raises(ValueError, match="reference is sampled at 6000 Hz, less than 8 times"):
-        educed([station(0)], onera, reference=loudspeaker(FREQUENCY, 6e3))
-    with pytest.raises(TypeError, match="a reference is ndarray; make a ReferenceChannel"):
-        educed([station(0)], onera, reference=np.zeros(5))
 
 
 SHORT = ["--segment", "0.04", "--liner", "onera"]
@@ -438,16 +345,6 @@ def test_a_broken_run_goes_on_where_it_stopped(folder, known, tmp_path, monkeypa
     assert not (tmp_path / "line.h5.parts").exists()
 
 
-def test_a_run_deletes_its_own_parts_alone(known, tmp_path):
-    """Those of a run with other choices, which was interrupted, still wait for it."""
-    own, other = LineParts(tmp_path), LineParts(tmp_path)
-    own.keep("a", known)
-    other.keep("b", known)
-    assert own.load("c") is None
-    own.clear()
-    assert [path.name for path in tmp_path.iterdir()] == ["b.h5"]
-
-
 def test_parts_of_other_data_or_choices_are_not_taken_up(tmp_path, monkeypatch):
     folder = write_folder(tmp_path / "line", 1)
     parts, liner = tmp_path / "parts", tl.load_liner("onera")
@@ -462,10 +359,9 @@ def test_parts_of_other_data_or_choices_are_not_taken_up(tmp_path, monkeypatch):
     assert [educe(), educe()] == [["s0"], []]
     for choices in (
         {"phase": "self-consistent"},
-        *({"phase": "given", "reference_phase": psi} for psi in (0.1, 0.2)),
         {"segment": 0.05},
         {"liner": tl.load_liner("polito")},
-        {"filters": tl.BurstFilters(outliers=5.0)},
+        {"without": ["outliers"]},
     ):
         assert educe(**choices) == ["s0"], choices
     write_burst_csv(station(1, seconds=0.2), folder / "p1.csv")
@@ -477,32 +373,12 @@ def test_parts_of_other_data_or_choices_are_not_taken_up(tmp_path, monkeypatch):
     assert educe(records) == []
 
 
-def test_references_from_a_folder(tmp_path, capsys):
-    record, channel = drifting(1)
-    place, recordings = tmp_path / "line", tmp_path / "loud"
-    place.mkdir()
-    recordings.mkdir()
-    write_burst_csv(record, place / "a.csv")
-    words = [place, "--reference", recordings, "--reference-rate", 40e3, "--quiet"]
-    assert run(*words) == 2
-    assert "loud holds no recording a{.npy,.wav,.mat,.h5} for" in capsys.readouterr().err
-    np.save(recordings / "a.npy", channel.values.numpy())
-    assert run(*words, "--json") == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["stations"][0]["coherence"] > 0.8
-    assert found["choices"]["referred"] is True
-    assert run(*words, "--reference-start", -0.3) == 2
-    assert "the velocity from" in capsys.readouterr().err
-    assert run(place, "--reference", tmp_path / "none.npy") == 2
-    assert "no such file" in capsys.readouterr().err
-
-
 def test_parts_that_are_damaged_or_none_are_made_anew(tmp_path, monkeypatch):
     folder, parts, liner = write_folder(tmp_path / "line", 2), tmp_path / "parts", tl.load_liner("onera")
     wanted = tl.educe_bursts(folder, liner, parts=parts, segment=0.04).reflection
-    first, second = sorted(parts.iterdir())
+    first, _ = sorted(parts.iterdir())
     whole, seen = first.read_bytes(), counted(monkeypatch)
-    for count, damaged in enumerate((whole[:2000], second.read_bytes(), whole), 1):
+    for count, damaged in enumerate((whole[:2000], whole), 1):
         first.write_bytes(damaged)
         if damaged is whole:
             with h5py.File(first, "r+") as file:

@@ -15,13 +15,10 @@ for n in range(2):
     station.write(folder / f"{n}.h5")
 print(tl.list_stations("line"))  # what is there, unread
 stations = tl.read_bursts("line")
-kept = tl.validate_bursts(stations[0], tl.BurstFilters(zero_runs=None))
+kept = tl.validate_bursts(stations[0], ["zero-runs"])
 print(kept.received, kept.bursts, tl.burst_moments(kept).components["wall_normal"])
 print(tl.tone_attenuation(tl.onto_grid(kept.arrival_time, kept.wall_normal), 1500.0).factor.abs())
 
-loudspeaker = np.cos(2 * np.pi * 1500 * np.arange(7 * 48_000) / 48e3)
-line: tl.ImpedanceLine = tl.educe_bursts(
-    stations, tl.load_liner("onera"), 1500.0, reference=tl.ReferenceChannel(loudspeaker, 48e3)
-)
+line: tl.ImpedanceLine = tl.educe_bursts(stations, tl.load_liner("onera"), 1500.0)
 line.write("line.h5")
 print(tl.read_line("line.h5").average.impedance)
