@@ -79,11 +79,11 @@ HEADER = "x [mm], resistance, reactance\n"
     ("text", "message"),
     [
         (HEADER, r"z\.csv holds no values: the file ends at line 1"),
-        ("x [m],R [Pa s/m],X\n0,1,0\n", "column 'resistance' has units 'Pa s/m'.*a number is n"),
+        ("x [m],resistance [Pa s/m],reactance\n0,1,0\n", "column 'resistance' has units 'Pa s/m'.*a number is n"),
         (HEADER + "0,1,nan\n", r"z\.csv: line 2, column 'reactance' is 'nan'"),
         (HEADER + "0,0,0\n", r"mine\.toml: z\.csv: the impedance profile is 0 at x = 0 m"),
         (HEADER + "9,1,0\n0,1,0\n", r"mine\.toml: z\.csv: the stations of an impedance prof"),
-        ("x [m],R,X\n0,1,0\n150,1,0\n", "x = 0 to 150 m, leave the duct, -0.3 to 0.45 m; is their"),
+        ("x [m],resistance,reactance\n0,1,0\n150,1,0\n", "x = 0 to 150 m, leave the duct, -0.3 to 0.45 m; is their"),
     ],
 )
 def test_tables_with_faults(tmp_path, text, message):
@@ -100,7 +100,7 @@ def test_a_table_is_read_by_its_names_and_units(tmp_path):
     at = torch.tensor([0.0, 0.06, 0.15]).double()
     walls = []
     for text in (
-        "x [m],R,X\n0,2,-0.3\n0.15,4,1\n",
+        "x [m],resistance,reactance\n0,2,-0.3\n0.15,4,1\n",
         "reactance; x [cm]; resistance [1]\n-0,3; 0; 2\n1; 15; 4\n",
         "\ufeffX [mm];Resistance;REACTANCE\r\n0;2;-0,3\r\n150;4;1\r\n",
     ):

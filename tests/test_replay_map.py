@@ -218,7 +218,6 @@ def test_signal_files_that_cannot_be_read(tmp_path):
         ("a.wav", None, None, "no such file"),
         ("two.wav", None, None, r"\(100, 2\).*choose one channel"),
         ("two.wav", None, 2, "choose one channel, not 2"),
-        ("two.wav", 50e3, None, "says 42000 Hz, sampling_rate 50000"),
         *((f"cut{cut}.wav", None, None, r"not a whole \.wav file") for cut in (300, 20, 0)),
         (".", 50e3, None, "is a folder"),
         ("s.npy", 50e3, 5, "choose one channel, not 5"),

@@ -278,7 +278,7 @@ def _profile(flow: FlowTable, height: float, fluid: Fluid, folder: Path) -> Mean
     if flow.file is None:
         raise ValueError(f"flow profile 'table' needs file, a CSV of {VELOCITY_EXAMPLE} (any unit of U)")
     table = folder / flow.file
-    found = read_table(read_lines(table), VELOCITY, table, example=VELOCITY_EXAMPLE, short={"velocity": "u"})
+    found = read_table(read_lines(table), VELOCITY, table, example=VELOCITY_EXAMPLE)
     try:
         return TabulatedProfile(found["y"], found["u"], height, mach, speed)
     except ValueError as error:
@@ -297,8 +297,7 @@ def _impedance(sound: SoundTable, duct: DuctTable, folder: Path) -> Z:
     if sound.impedance is not None or not duct.liner:
         raise ValueError("sound has an impedance_file, which needs a liner in duct and excludes impedance")
     path = folder / sound.impedance_file
-    about: dict[str, Any] = {"example": IMPEDANCE_EXAMPLE, "short": {"R": "resistance", "X": "reactance"}}
-    found = read_table(read_lines(path), IMPEDANCE, path, special=PARTS, **about)
+    found = read_table(read_lines(path), IMPEDANCE, path, special=PARTS, example=IMPEDANCE_EXAMPLE)
     values = np.empty(len(found["resistance"]), np.complex128)  # a sum with 1j inf would be nan
     values.real, values.imag = found["resistance"], found["reactance"]
     try:
