@@ -14,6 +14,7 @@ from typing import Any
 
 import torchliner as tl
 from common import case_files, page_table, run_study
+from oracles.periodic_wall import driven_impedance
 from torchliner.names import STEP_KERNELS
 from torchliner.report.figure import COLOURS, INCIDENT, MARKERS, V_RMS, Figure, dots, draw_parts
 from torchliner.report.table import format_complex
@@ -36,18 +37,18 @@ def rows_of() -> list[Row]:
 
 
 def row_of(name: str, case: str, contraction: float) -> Row:
-    """Z of a case by every kernel, at the fixed point, and what the causal kernel makes of a |v| that stands still."""
+    """Z of a case by every way, and what the causal kernel makes of a |v| that stands still."""
     plane = tl.read_plane(case_files(case)[0])
     liner = tl.load_liner(plane.liner).replace(vena_contracta=contraction)
     found = {kernel: tl.ir_tdibc(liner, plane.incident_level, TONE, kernel=kernel) for kernel in STEP_KERNELS}
-    (root,) = found["periodic"].fixed_points[0]
     return Row(
         liner=name,
         case=case,
         vena_contracta=contraction,
         level=plane.incident_level,
         true=complex(plane.reference["true"]),
-        fixed_point=complex(root.impedance[0]),
+        fixed_point=complex(found["causal"].fixed_point[0, 0]),
+        periodic=driven_impedance(liner, plane.incident_level, TONE),
         **{kernel: complex(found[kernel].impedance[0, 0]) for kernel in STEP_KERNELS},
         frozen=complex(found["causal"].frozen[0, 0]),
     )
@@ -73,9 +74,9 @@ def draw(rows: Sequence[Row], path: Path) -> Figure:
     liners = {"slit": tl.load_liner("lbm_slit"), f"orifice, $C_c = {FITTED}$": orifice}
     drawn: list[dict[str, Any]] = []
     for i, (label, liner) in enumerate(liners.items()):
-        curve, style = tl.ir_tdibc(liner, LEVELS, TONE, kernel="periodic"), {"x": LEVELS, "color": COLOURS[i]}
-        drawn.append(style | {"y": curve.impedance[:, 0], "label": f"{label}: instantaneous"})
-        fixed = [complex(roots[0].impedance[0]) for roots in curve.fixed_points]
+        style, found = {"x": LEVELS, "color": COLOURS[i]}, [driven_impedance(liner, level, TONE) for level in LEVELS]
+        drawn.append(style | {"y": found, "label": f"{label}: instantaneous"})
+        fixed = tl.ir_tdibc(liner, LEVELS, TONE).fixed_point[:, 0]
         drawn.append(style | {"y": fixed, "linestyle": "--", "label": f"{label}: $Z$ at {V_RMS}"})
     for marker, kind in zip(MARKERS, ("slit", "orifice"), strict=False):
         true = {row.level: row.true for row in rows if row.liner == kind}

@@ -132,8 +132,8 @@ def rows_of() -> list[Row]:
     for case in STILL:
         own = {"(2.4b)": liner_of(case, PAPER), "this law": liner_of(case, CHOSEN).with_numbers(fit.numbers)}
         for name, liner in own.items():
-            curve = tl.ir_tdibc(liner, [known_planes(case)[0].incident_level], 1400.0, kernel="periodic")
-            print(f"{case}, wave alone, {name}: {complex(curve.fixed_points[0][0].impedance[0]):.3f}")
+            curve = tl.ir_tdibc(liner, [known_planes(case)[0].incident_level], 1400.0)
+            print(f"{case}, wave alone, {name}: {complex(curve.fixed_point[0, 0]):.3f}")
     return rows
 
 

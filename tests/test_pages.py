@@ -160,10 +160,7 @@ def test_the_measured_sample_says_what_the_page_says():
     frequency, rows = measured.frequency, []
     for name in ("polito", "polito_as_printed"):
         liner = tl.load_liner(name)
-        driven = [
-            complex(tl.ir_tdibc(liner, [130.0], f, kernel="periodic").fixed_points[0][0].impedance[0])
-            for f in frequency.tolist()
-        ]
+        driven = [complex(tl.ir_tdibc(liner, [130.0], f).fixed_point[0, 0]) for f in frequency.tolist()]
         both = liner.impedance(frequency), torch.tensor(driven, dtype=torch.complex128)
         for low in (500, 800):
             off = []

@@ -82,8 +82,8 @@ from torchliner.studies.calibrate import calibrate as calibrate
 from torchliner.studies.calibrate import identify as identify
 from torchliner.studies.compare import compare as compare
 from torchliner.studies.compare import compare_models as compare_models
+from torchliner.velocity.ir_tdibc import LevelCurve as LevelCurve
 from torchliner.velocity.ir_tdibc import ir_tdibc as ir_tdibc
-from torchliner.velocity.ir_tdibc_wall import LevelCurve as LevelCurve
 from torchliner.velocity.replay import replay as replay
 from torchliner.names import __version__ as __version__
 

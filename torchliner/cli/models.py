@@ -12,7 +12,7 @@ import torchliner as tl
 from torchliner import names
 from torchliner.checks import tell
 from torchliner.cli.options import spelled
-from torchliner.cli.work import facts_text, incident_signal, progress_bar, show, told, write_text
+from torchliner.cli.work import facts_text, incident_signal, show, told, write_text
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import DuctSetup, duct_names, duct_text
 from torchliner.fluid import gas_warnings
@@ -154,10 +154,7 @@ def ir_tdibc(options: argparse.Namespace) -> None:
     if incident is None and options.frequency is None:
         raise ValueError("nothing is sent; give --frequency of a tone, or --incident")
     wave, read = (options.frequency, None) if incident is None else (incident, options.frequency)
-    with progress_bar(0, options, "step") as step:
-        about = {"frequency": read, "progress": step} | options.chosen
-        found = tl.ir_tdibc(tl.load_liner(options.liner), options.level, wave, **about)
-    show(options, found)
+    show(options, tl.ir_tdibc(tl.load_liner(options.liner), options.level, wave, frequency=read, **options.chosen))
 
 
 def export(options: argparse.Namespace) -> None:

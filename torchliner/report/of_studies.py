@@ -15,7 +15,7 @@ from torchliner.studies.fit import Fit
 from torchliner.studies.sensitivities import Sensitivities
 from torchliner.studies.validation import DEFAULT, errors_by_rule
 from torchliner.studies.variants import Row, Study, rows_of
-from torchliner.velocity.ir_tdibc_wall import LevelCurve
+from torchliner.velocity.ir_tdibc import LevelCurve
 
 SPEEDS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, at which a curve is shown
 TRUTH = "case,height,drive,mean,phase,averaging,educed,true,in_situ,low,high,error,level_check,speed,velocity_rms,mach,"
@@ -167,26 +167,23 @@ def of_heights(study: Study) -> Answer:
 
 
 def of_curve(curve: LevelCurve) -> Answer:
-    """One row per level and frequency; ``fixed_point`` is that of the lowest speed."""
-    chosen, roots = curve.choices, curve.fixed_points
+    """One row per level and frequency."""
+    chosen = curve.choices
     rows = rows_of(
         level=curve.level[:, None],
         frequency=curve.frequency,
         impedance=curve.impedance,
         frozen=curve.frozen,
-        **{name: getattr(curve, name)[:, None] for name in ("rms_speed", "peak_speed", "drift", "residual")},
-        fixed_points=[[len(each)] for each in roots],
-        fixed_point=[each[0].impedance.tolist() if each else [None] * len(curve.frequency) for each in roots],
+        **{name: getattr(curve, name)[:, None] for name in ("rms_speed", "peak_speed", "drift")},
+        fixed_point=curve.fixed_point,
     )
-    kernel = f"kernel {chosen['kernel']}"
-    if chosen["kernel"] != "periodic":
-        low, high = chosen["kernel_band"]
-        kernel += f", error in R {chosen['kernel_error']:.1e} on {low:g}-{high:g} Hz"
+    low, high = chosen["kernel_band"]
+    kernel = f"kernel {chosen['kernel']}, error in R {chosen['kernel_error']:.1e} on {low:g}-{high:g} Hz"
     words = "Resistance and reactance over the level of the incident wave"
     return Answer(
         title=f"{chosen['liner']}: {chosen['incident']}",
         lines=[f"A record of {1e3 * chosen['duration']:.4g} ms at {chosen['sampling_rate']:g} Hz, {kernel}."],
-        table=table_of(rows, "level,frequency,impedance,rms_speed,peak_speed,fixed_point,frozen,drift,residual"),
+        table=table_of(rows, "level,frequency,impedance,rms_speed,peak_speed,fixed_point,frozen,drift"),
         brief=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point"),
         remarks=["Z over ρc; fixed point: Z(rms v); frozen: what the kernel changes with |v| frozen at its rms."],
         pictures=[Picture("levels", words, partial(studies.draw_levels, curve), lambda: rows)],

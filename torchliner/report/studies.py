@@ -199,11 +199,9 @@ def draw_levels(curve: Any, path: str | Path | None = None) -> look.Figure:
     order, drawn = curve.level.argsort().tolist(), []
     for j, frequency in enumerate(curve.frequency.tolist()):
         style = look.colour_of(j, f"{frequency:g} Hz", linestyle="-", marker=look.MARKERS[j])
-        roots = [curve.fixed_points[i] for i in order]
-        fixed = [complex(each[0].impedance[j]) if each else None for each in roots]
         drawn += [{"x": curve.level[order], "y": curve.impedance[order, j]} | style]
         style = look.colour_of(j, linestyle="--") | {"label": "$Z$ of the rms $v$"}
-        drawn += [{"x": curve.level[order], "y": fixed} | style]
+        drawn += [{"x": curve.level[order], "y": curve.fixed_point[order, j]} | style]
     return look.draw_parts(drawn, look.INCIDENT, path, "{liner}, {kernel}".format(**curve.choices), legend=6)
 
 

@@ -1,6 +1,8 @@
 """IR-TDIBC: impedance over level from the incident wave alone."""
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -11,18 +13,11 @@ from torchliner.checks import frequency_tensor, real_tensor, require_choice, req
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
 from torchliner.engine.kernels import AFTER, VelocityGrid, build_kernels, interpolate, kernel_band
 from torchliner.fluid import Fluid
-from torchliner.liners.model import as_liner, impedance_of, reflection_of
+from torchliner.liners.model import as_liner, impedance_of
 from torchliner.names import STEP_KERNELS
 from torchliner.records.incident import Incident, Recorded, Tones, as_incident
 from torchliner.tones import transfer_function
-from torchliner.velocity.ir_tdibc_wall import (
-    FixedPoint,
-    LevelCurve,
-    Progress,
-    fixed_points,
-    settle_period,
-    step_in_time,
-)
+from torchliner.velocity.ir_tdibc_wall import fixed_speed, step_in_time
 
 STEPPED: dict[str, dict[str, Any]] = {  # damping: an error of 0.02 and a gain of 2 with the shipped liners
     "least-squares": {"kind": "two-sided", "before": 0.0, "regularisation": 1e-2},
@@ -37,8 +32,63 @@ SEGMENT = 0.02  # s, of the spectra of what is no tone
 FASTEST = 20.0  # m/s, top of the table; of 164 dB at a wall that lets all through
 LOUDEST = 200.0  # dB; above, a pressure is meant
 UNHEARD = 0.01  # of a wave's energy, that may be sent where the kernel is not the liner
-UNSOLVED = 1e-9  # of the largest |x|, that a period may leave of its equation
 CARRIES = 1e-10  # of the strongest line's energy
+DRIFTS, UNSTEADY = 1e-3, 5e-2  # drift above which there is a warning, and an error
+KERNEL_PART = 0.02  # of |Z + 1|: what a kernel may change without a warning
+
+
+@dataclass(frozen=True)
+class LevelCurve:
+    """Impedance of a wall that is driven by incident waves of L levels.
+
+    Args:
+        level: of the incident wave, dB re 20 uPa rms, (L,).
+        frequency: Hz, (F,).
+        reflection: Y/X, complex128, (L, F).
+        rms_speed, peak_speed: of v in the record that is read, m/s, (L,).
+        drift: rms change of y against the record before, of its rms, (L,).
+        fixed_point: Z at the least rms |v| that is just what the incident wave then drives, (L, F).
+        frozen: Z of the kernel less Z of the model, where |v| stands still at its rms, (L, F).
+        choices: ``kernel``, ``kernel_band`` (Hz), ``kernel_error`` and ``kernel_gain``, largest |H - R| in the band and
+            largest |H|; ``incident``, ``liner``, ``sampling_rate`` (Hz) and ``duration`` (s) of the record.
+    """
+
+    level: Tensor
+    frequency: Tensor
+    reflection: Tensor
+    rms_speed: Tensor
+    peak_speed: Tensor
+    drift: Tensor
+    fixed_point: Tensor
+    frozen: Tensor
+    choices: dict[str, Any]
+
+    @property
+    def impedance(self) -> Tensor:
+        """Z, complex128, (L, F)."""
+        return impedance_from_reflection(self.reflection)
+
+    def warnings(self) -> Iterator[str]:
+        """What is doubtful.
+
+        Raises:
+            ValueError: a level that has no steady state.
+        """
+        chosen, levels = self.choices, self.level.tolist()
+        for level, drift in zip(levels, self.drift.tolist(), strict=True):
+            still = f"at {level:g} dB y still changes by {drift:.2g} of its rms from one record to the next"
+            if drift > UNSTEADY:
+                remedy = f"give a longer duration, or a kernel of lower gain than {chosen['kernel_gain']:.3g}"
+                raise ValueError(f"{still}: there is no steady state; {remedy}")
+            if drift > DRIFTS:
+                yield f"{still}; a longer duration settles it"
+        share = self.frozen.abs() / (self.impedance - self.frozen + 1).abs()
+        i, j = divmod(int(share.argmax()), share.shape[1])
+        if share[i, j] > KERNEL_PART:
+            yield (
+                f"kernel {chosen['kernel']!r} is not the liner's response: with |v| frozen at the rms of {levels[i]:g} "
+                f"dB it moves Z at {self.frequency[j]:g} Hz by {complex(self.frozen[i, j]):.3f}"
+            )
 
 
 def ir_tdibc(
@@ -52,7 +102,6 @@ def ir_tdibc(
     duration: float | None = None,
     velocity_max: float | None = None,
     after: float = AFTER,
-    progress: Progress | None = None,
 ) -> LevelCurve:
     """Impedance over the level of a normally incident plane wave that alone drives the liner.
 
@@ -66,14 +115,12 @@ def ir_tdibc(
             a recording repeats as the others do, without its mean).
         frequency: Hz, where Z is read; default the tones, or eight in the wave's band.
         kernel: ``least-squares``, causal, fitted on 300-3500 Hz and all that is sent or read; ``causal``, eqs
-            (3.1)-(3.3) to the letter, whose dropped taps take up to a third of the resistance; ``periodic``, the
-            model's own response over a whole period at once, for waves that repeat.
+            (3.1)-(3.3) to the letter, whose dropped taps take up to a third of the resistance.
         sampling_rate: Hz, at least 8 times the highest frequency; default 48 kHz or 16 times it, in whole periods of
             tones.
         duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04; a recording is sent whole.
         velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
         after: s, length of the kernel; default 0.01.
-        progress: called with numbers of steps done, of 2 n in all (``periodic``: levels).
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; a rate or record too small; a
             table that does not hold what the kernel needs; no steady state. Levels are named.
@@ -85,92 +132,62 @@ def ir_tdibc(
     model, wave, levels = as_liner(liner), as_incident(incident, Tones), real_tensor(level).reshape(-1).detach()
     for value in levels.tolist() or [math.nan]:
         if not -math.inf < value <= LOUDEST:
-            hint = f"; {value:g} Pa rms is {20 * math.log10(value / REFERENCE_PRESSURE):.1f} dB" if value > 0 else ""
-            raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB{hint}")
+            raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB")
     require_choice("kernel", kernel, STEP_KERNELS)
     require_positive("after (s)", after)
     rate = _rate_of(wave, sampling_rate)
-    read, fluid = _read_at(wave, frequency, rate), model.fluid or Fluid()
-    unit = _record_of(wave, rate, duration, 2 if kernel == "periodic" else round(after * rate) + 1)
-    n = len(unit)
-    rms = REFERENCE_PRESSURE * 10 ** (levels / 20) / float(fluid.density * fluid.sound_speed)
-    sent, known = rms[:, None] * unit, math.inf if model.speed_max is None else model.speed_max
+    read, fluid, unit = _read_at(wave, frequency, rate), model.fluid or Fluid(), _record_of(wave, rate, duration, after)
+    rms, n = REFERENCE_PRESSURE * 10 ** (levels / 20) / float(fluid.characteristic_impedance), len(unit)
+    sent = rms[:, None] * unit
     # Levels of |v| never depend on the batch, so that the answer of a level is its own.
-    grid = VelocityGrid(min(FASTEST, known) if velocity_max is None else velocity_max)
-    if grid.maximum > known:
-        raise ValueError(f"velocity_max is {grid.maximum:g} m/s; the liner is known up to {known:g} m/s")
-    band = needed = kernel_band(read, model, rate, wave)
-    if kernel != "least-squares":
-        needed, table = (0.0, rate / 2), model.frequency_range
-        if table is not None and not table[0] <= needed[0] < needed[1] <= table[1]:
+    grid = VelocityGrid(min(FASTEST, model.speed_max or FASTEST) if velocity_max is None else velocity_max)
+    how: dict[str, Any] = {"band": kernel_band(read, model, rate, wave), "after": after, **STEPPED[kernel]}
+    kernels = build_kernels(model, rate, velocity_max=grid.maximum, **how)
+    every = step_in_time(sent.repeat(1, 2), kernels)
+    reflected, half = every[:, n:], n // 2
+    for value, peak, lost in zip(levels.tolist(), sent.abs().amax(1).tolist(), every.isnan().any(1), strict=True):
+        if lost:
             raise ValueError(
-                f"the liner is known from {table[0]:g} to {table[1]:g} Hz; kernel {kernel!r} needs "
-                f"{needed[0]:g}-{needed[1]:g} Hz: take 'least-squares'"
+                f"at {value:g} dB |v| exceeds {grid.maximum:g} m/s, the top of the kernel table; lower the level, or "
+                f"give velocity_max={2 * peak:.3g}, twice the peak of the wave, if the liner is known so far"
             )
+    velocity, power = sent - reflected, 2 * (torch.fft.rfft(unit)[1:] / n).abs() ** 2
+    speed, later = velocity.square().mean(1).sqrt(), every[:, 2 * n - half :]
     f = torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:]
-    facts = {"kernel_error": 0.0, "kernel_gain": 1.0}
-    if kernel == "periodic":
-        response = reflection_of(model, read, grid.speeds[:, None])
-        at_zero = torch.ones(grid.levels, 1, dtype=torch.complex128)  # R(0) = 1
-        of_lines = torch.cat([at_zero, reflection_of(model, f, grid.speeds[:, None])], 1)
-        found = settle_period(sent, of_lines, grid, progress)
-    else:
-        how: dict[str, Any] = {"band": band, "after": after, **STEPPED[kernel]}
-        kernels = build_kernels(model, rate, velocity_max=grid.maximum, **how)
-        response, facts = kernels.response(read), {"kernel_error": kernels.error, "kernel_gain": kernels.gain}
-        found = step_in_time(sent, kernels, repeats=True, progress=progress)
-    peaks = sent.abs().amax(1)
-    for i, (peak, left) in enumerate(zip(peaks.tolist(), found.residual.tolist(), strict=True)):
-        at = f"at {levels[i]:g} dB"
-        if bool(found.reflected[i].isnan().any()):
-            remedy = f"give velocity_max={2 * peak:.3g}, twice the peak of the wave, which suffices for most"
-            remedy = remedy if grid.maximum < known else "the liner is known no further: lower the level"
-            raise ValueError(f"{at} |v| exceeds {grid.maximum:g} m/s, the top of the kernel table; {remedy}")
-        if left > UNSOLVED * peak:
-            text = f"{left:.2g} m/s of the equation is left; take 'least-squares', which steps in time"
-            raise ValueError(f"{at} the iteration over a period does not converge: {text}")
-
-    velocity, power = sent - found.reflected, 2 * (torch.fft.rfft(unit)[1:] / n).abs() ** 2
-    speed = velocity.square().mean(1).sqrt()
-    low, high = model.frequency_range or (0.0, math.inf)
-    inside = (power > CARRIES * power.max()) & (f >= low) & (f <= high)
-    roots = [fixed_points(model, f[inside], power[inside] * size**2, grid.maximum) for size in rms]
+    known = model.frequency_range or (0.0, math.inf)
+    inside = (power > CARRIES * power.max()) & (f >= known[0]) & (f <= known[1])
+    fixed = [fixed_speed(model, f[inside], power[inside] * size**2, grid.maximum) for size in rms]
     cut: dict[str, Any] = {"window": "boxcar"} if isinstance(wave, Tones) else {"segment": min(SEGMENT, n / rate)}
-    frozen = impedance_from_reflection(interpolate(response, *grid.locate(speed)))
+    frozen = impedance_from_reflection(interpolate(kernels.response(read), *grid.locate(speed)))
+    low, high = kernels.band
     curve = LevelCurve(
         level=levels,
         frequency=read,
-        reflection=transfer_function(sent, found.reflected, read, rate, **cut).response,
+        reflection=transfer_function(sent, reflected, read, rate, **cut).response,
         rms_speed=speed,
         peak_speed=velocity.abs().amax(1),
-        residual=found.residual / peaks,
-        several=found.several,
-        drift=found.drift,
-        reflected_energy=found.reflected.square().sum(1) / sent.square().sum(1),
-        fixed_points=tuple(
-            tuple(FixedPoint(s, impedance_of(model, read, torch.tensor(s).double())) for s in each) for each in roots
-        ),
+        drift=((later - every[:, n - half : n]).square().mean(1) / later.square().mean(1)).sqrt(),
+        fixed_point=impedance_of(model, read, speed.new_tensor(fixed)[:, None]),
         frozen=frozen - impedance_of(model, read, speed[:, None]),
         choices={
             "liner": str(model.describe().get("name") or model.model),
             "incident": wave.label,
             "kernel": kernel,
-            **facts,
-            "kernel_band": list(band),
+            "kernel_error": kernels.error,
+            "kernel_gain": kernels.gain,
+            "kernel_band": [low, high],
             "sampling_rate": rate,
             "duration": n / rate,
         },
     )
-    outside = (f < needed[0] * (1 - 1e-6)) | (f > needed[1] * (1 + 1e-6))
+    outside = ((f < low * (1 - 1e-6)) | (f > high * (1 + 1e-6))) & (kernel == "least-squares")
     share, notes = float(power[outside].sum() / power.sum()), list(curve.warnings())
     if share > UNHEARD:
         most = float(f[outside][power[outside].argmax()])
-        text = (
+        notes.append(
             f"{100 * share:.3g} % of the energy of {wave.label}, most of it near {most:.4g} Hz, is sent outside "
-            f"{needed[0]:g}-{needed[1]:g} Hz, where kernel {kernel!r} is not the liner's response; it moves |v| and so "
-            "Z everywhere: filter the wave"
+            f"{low:g}-{high:g} Hz, where the kernel is not the liner's response; it moves Z everywhere: filter the wave"
         )
-        notes.insert(0, text)
     tell(notes)
     return curve
 
@@ -203,11 +220,11 @@ def _divisor(tones: Tones) -> float:
     return math.gcd(*(int(part * whole) for part in parts)) / whole
 
 
-def _record_of(wave: Incident, rate: float, duration: float | None, kernel: int) -> Tensor:
-    """The wave with rms 1, float64, (n,): whole periods of tones, and at least ``kernel`` samples."""
+def _record_of(wave: Incident, rate: float, duration: float | None, after: float) -> Tensor:
+    """The wave with rms 1, float64, (n,): whole periods of tones, and at least a kernel's length."""
     if duration is not None:
         require_positive("duration (s)", duration)
-    samples = round((duration or SECONDS) * rate)
+    samples, kernel = round((duration or SECONDS) * rate), round(after * rate) + 1
     if isinstance(wave, Recorded):
         samples = len(wave.signal)
         if duration is not None:
@@ -217,10 +234,7 @@ def _record_of(wave: Incident, rate: float, duration: float | None, kernel: int)
         period = Fraction(rate / _divisor(wave)).limit_denominator(LONGEST).numerator
         samples = period * math.ceil(least / period)
         if samples > LONGEST:
-            raise ValueError(
-                f"{wave.label} repeats after {period} samples at {rate:g} Hz, which is too long; leave sampling_rate "
-                "out, or give a multiple of the tones' common divisor"
-            )
+            raise ValueError(f"{wave.label} repeats after {period} samples at {rate:g} Hz; leave sampling_rate out")
         wave.require_periodic(samples, rate)
     if samples < kernel:
         text = f"the record has {samples} samples ({1e3 * samples / rate:.3g} ms), the kernel {kernel}"
