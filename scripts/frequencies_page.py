@@ -42,7 +42,6 @@ def draw_shares(path: Path) -> None:
         pairs = (impedances(tl.load_liner(name), share) for share in shares)
         change = [100 * abs(alone / beside - 1) for beside, alone in pairs]
         axis.plot([100 * share for share in shares], change, color=colour, linestyle=line, label=name)
-    axis.axhline(5, color="0.6", linewidth=0.8, label="limit of the note")
     across = "share of the variance of $v$ that is in step with the tone (%)"
     axis.set(xlabel=across, ylabel=f"change of $Z$ at {OTHER / 1e3:g} kHz without it (%)")
     finish(figure, path, f"v of {TOTAL:g} m/s rms in all", legend=3)

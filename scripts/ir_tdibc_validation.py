@@ -48,7 +48,7 @@ def row_of(name: str, case: str, contraction: float) -> Row:
         level=plane.incident_level,
         true=complex(plane.reference["true"]),
         fixed_point=complex(found["causal"].fixed_point[0, 0]),
-        periodic=driven_impedance(liner, plane.incident_level, TONE),
+        periodic=driven_impedance(liner, float(plane.incident_level or 0), TONE),
         **{kernel: complex(found[kernel].impedance[0, 0]) for kernel in STEP_KERNELS},
         frozen=complex(found["causal"].frozen[0, 0]),
     )

@@ -1,7 +1,6 @@
 """The wall filter of section 7.2, and what |v| under one tone says of other frequencies."""
 
 import math
-import re
 import warnings
 
 import pytest
@@ -9,7 +8,6 @@ import torch
 from conftest import DATA, FREQUENCY, RATE, doubtful, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.velocity.sound import LARGEST_CHANGE
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +67,6 @@ def test_n130_between_the_holes():
 SAMPLES = 4200  # 100 ms
 TIMES = torch.arange(SAMPLES, dtype=torch.float64) / RATE
 TONE = torch.cos(2 * torch.pi * 1400 * TIMES)
-GIVEN = r"Without this one it would be about (\S+) instead of (\S+) at 2100 Hz"
 
 
 def educed(velocity, liner, frequency, **choices):
@@ -88,21 +85,10 @@ def test_share_is_that_of_the_variance(tone, rms, share, liner):
     assert [note.code for note in found.notes] == (["other-tone"] if share else ["no-tone"])
 
 
-def test_the_number_is_what_the_turbulence_alone_gives(liner):
-    flow = turbulence((40, SAMPLES), seed=2, rms=1.0)
-    both = educed(flow + 3 * TONE, liner, 2100.0)
-    alone = educed(flow, liner, 2100.0)
-    (text,) = (note.text for note in both.notes if note.code == "other-tone")
-    without, beside = (complex(text) for text in re.search(GIVEN, text).groups())
-    assert without == pytest.approx(complex(alone.liner["admittance"].impedance[0]), rel=0.03)
-    assert beside == pytest.approx(complex(both.liner["admittance"].impedance[0]), rel=0.03)
-    assert [note.code for note in alone.notes] == ["no-tone"]
-
-
 def test_a_tone_that_changes_little_is_no_warning(liner):
     flow = turbulence((40, SAMPLES), seed=3, rms=2.0)
     weak, none = (educed(flow + a * TONE, liner, 2100.0) for a in (0.4, 0.0))
     assert weak.choices["tone_share"] < 0.1
     assert not weak.notes
     moved = (weak.liner["admittance"].impedance / none.liner["admittance"].impedance - 1).abs()
-    assert float(moved[0]) < LARGEST_CHANGE
+    assert float(moved[0]) < 0.05

@@ -18,7 +18,6 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_positive
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments, ReducedVelocity, without_velocity
-from torchliner.engine.nodes import Levels
 from torchliner.engine.sums import Held, reduce
 from torchliner.engine.survey import survey_of
 from torchliner.io.planes import read_plane
@@ -132,8 +131,7 @@ class GrowingMoments:
         reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
         seen = survey_of(self._rows[SURVEY], blocks, reading.lines, reading.harmonics)
         known = reading.moments(seen, None, self._rows)
-        if isinstance(known.nodes, Levels):
-            refuse_beyond_table(known.plane, known, known.nodes.kinks[-1])
+        refuse_beyond_table(known.plane, known)
         return known
 
     def educe(self, liner: Liner, frequency: Any = None, **choices: Any) -> ImpedanceMap:

@@ -1,7 +1,6 @@
 """From moments and choices to the map that the user gets."""
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -16,9 +15,8 @@ from torchliner.liners.plates import goodrich_resistance
 from torchliner.names import __version__
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
-from torchliner.velocity import review, sound
+from torchliner.velocity import review
 from torchliner.velocity.averages import Averages, average
-from torchliner.velocity.background import widened
 from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.level_check import check_level
 from torchliner.velocity.reading import settled
@@ -33,25 +31,15 @@ def answer(
     chosen: Choices,
     reference_phase: Any = None,
     pressure: Any = None,
-    ends: Sequence[Moments] = (),
 ) -> ImpedanceMap:
     """The map from moments that fit what is asked; arguments as of ``educe``.
 
-    ``chosen``: those with which the plane was read just now, or of ``fitting``; ``ends``: moments with both bounds of
-    the background.
+    ``chosen``: those with which the plane was read just now, or of ``fitting``.
     """
     plane, liner, names = known.plane, liner.in_flow(known.plane.mach), COMPUTED[chosen.averaging]
     found = {name: average(known, liner, frequency, chosen, name, reference_phase) for name in names}
-    if ends:
-        own = found["phase-locked"]
-        others = [average(each, liner, frequency, chosen, "phase-locked", reference_phase) for each in ends]
-        every: Any = {
-            name: widened(getattr(own, name), [getattr(each, name) for each in others])
-            for name in ("probes", "cells", "liner", "along_x")
-        }
-        found["phase-locked"] = dataclasses.replace(own, **every)
-    heard, of_sound = sound.review_sound(known, liner, frequency, chosen)
-    without_tone = any(note.code == sound.NO_TONE for note in heard)
+    heard, of_sound = review.review_sound(known, liner, frequency, chosen)
+    without_tone = any(note.code == review.NO_TONE for note in heard)
     answered = "admittance" if without_tone and chosen.averaging == "phase-locked" else chosen.averaging
     chief, z = found[answered].liner, found[answered].liner.impedance.detach().cpu()
     error, doubts = review.review_table(known, liner, frequency, z)
@@ -204,7 +192,7 @@ def facts_of(
         cells, scale = known.membership, locked.scale
         mean = 1.0 if scale is None else float((cells.mean(scale) * cells.sizes).sum() / cells.sizes.sum())
         facts |= {"phase_locked_lines": locked.lines.tolist(), "phase_locked_share": locked.share.mean(1).tolist()}
-        facts |= {"tone_share": None, "incoherent_scale": mean}  # of all cells
+        facts |= {"incoherent_scale": mean}  # of all cells
     named = [("moments", plane.name)] if holds_moments(plane.name) else named_planes(plane)
     named += [("liner", name) for name in liner.files]
     named += [] if pressure is None else [("wall pressure", getattr(pressure, "name", ""))]

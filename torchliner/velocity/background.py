@@ -4,30 +4,27 @@ Sound over a flow makes jets, whose vortices pass the plane as if they were turb
 turbulence that is there without the sound (docs/background.md).
 """
 
-import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from torchliner.checks import one_number, require_positive
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import Drive, incoherent_power, incoherent_square
-from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife, replicates
+from torchliner.engine.drives import Drive, incoherent_square
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import Job, PlaneRecord, reduce
 from torchliner.engine.survey import Membership, Survey, coherence_by_chance, lines_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.educed import Educed
 
 SAME = 0.02  # relative: heights, spacings and Mach numbers that differ by less are the same
 HALF = 0.5  # of a hole diameter: the height at which the rms of a quiet run acts (docs/background.md)
-LEVEL = 0.95  # of the interval of the rms
 FALSE_ALARM = 1e-3  # of runs without sound, that are taken to hold the tone
 
 
@@ -36,14 +33,11 @@ class Background:
     """rms of the velocity without the sound, m/s, one for the whole plane or one a cell; in ``choices`` of a result.
 
     Args:
-        low, high: of its 95 % statistical interval, likewise; empty where none is known.
         source: names of the planes; none of a stated number.
         height: of the rms, m; None where it is not stated.
     """
 
     rms: tuple[float, ...]
-    low: tuple[float, ...] = ()
-    high: tuple[float, ...] = ()
     source: tuple[str, ...] = ()
     height: float | None = None
 
@@ -57,7 +51,7 @@ class Background:
 
     def describe(self) -> Any:
         """Plain values for a file: the number alone, or all fields."""
-        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()}
+        plain = {"rms": list(self.rms), "source": list(self.source), "height": self.height}
         return plain if self.source else self.rms[0]
 
 
@@ -70,21 +64,30 @@ def background_of(plane: VelocityPlane, given: Any, liner: LinerModel | None, pi
             is interpolated to half a hole diameter.
     Raises:
         TypeError: something else.
-        ValueError: a plane of another height, grid or flow, or with sound; no plane near half a hole diameter.
+        ValueError: a plane of another height, spacing or flow, or with sound; no plane near half a hole diameter.
     """
     if not isinstance(given, (VelocityPlane, Moments, list, tuple)):
         require_positive("background (m/s)", given)
         return Background((one_number("background", given),))
-    several: Sequence[Any] = given if isinstance(given, list | tuple) else [given]
+    several = given if isinstance(given, list | tuple) else [given]
     if not all(isinstance(each, VelocityPlane | Moments) for each in several):
         kinds = ", ".join(type(each).__name__ for each in several)
         raise TypeError(f"background is {kinds}; a number in m/s, planes or moments are needed")
     known = [_measured(each, plane, pitch, same_height=len(several) == 1) for each in several]
-    found = known[0]
-    if len(known) > 1:
-        diameter = None if liner is None else liner.hole_diameter
-        found = _interpolated(known, HALF * diameter if diameter else plane.height)
-    return found
+    if len(known) == 1:
+        return known[0]
+    target = plane.height if liner is None or not liner.hole_diameter else HALF * liner.hole_diameter
+    if target is None or any(each.height is None for each in known) or len({len(each.rms) for each in known}) > 1:
+        raise ValueError("background: several planes need one grid, their heights and the liner's hole diameter")
+    heights, rms = zip(*sorted((each.height, each.rms) for each in known), strict=True)
+    if not heights[0] * (1 - SAME) <= target <= heights[-1] * (1 + SAME):
+        shown = ", ".join(f"{1e3 * each:.4g}" for each in heights)
+        raise ValueError(
+            f"background: planes at {shown} mm, and none is on either side of half a hole diameter, "
+            f"{1e3 * target:.4g} mm; add one, or give the plane at the height of the run alone"
+        )
+    between = tuple(float(np.interp(target, heights, of_cell)) for of_cell in zip(*rms, strict=True))
+    return Background(between, tuple(name for each in known for name in each.source), target)
 
 
 def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_height: bool) -> Background:
@@ -110,13 +113,8 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
                 f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}; noise exceeds "
                 f"{limit:.2g} in {100 * FALSE_ALARM:g} % of records): give a run without sound, or its rms in m/s"
             )
-    power = replicates(members.mean(incoherent_power(seen, members)), seen.lengths)  # (B, C)
-    rms, ends = power[0].sqrt(), dict[str, tuple[float, ...]]()
-    if count >= FEWEST_BLOCKS:
-        change = (power / power[:1]).clamp(min=1e-12).log().to(torch.complex128) / 2
-        interval = jackknife(change, seen.lengths / seen.lengths.sum(), LEVEL, ITSELF)
-        ends = {name: tuple((rms * getattr(interval, name).real.exp()).tolist()) for name in ("low", "high")}
-    return Background(tuple(rms.tolist()), **ends, source=(about.name,), height=about.height)
+    rms = members.mean(incoherent_square(seen, members)).sqrt()
+    return Background(tuple(rms.tolist()), (about.name,), about.height)
 
 
 def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool) -> bool:
@@ -127,60 +125,22 @@ def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool)
         return float(points.diff().median()) if len(points) > 1 else None
 
     facts = [
-        ("Mach number", quiet.mach, plane.mach, 1.0, ""),
-        ("spacing along x", spacing(quiet.x), spacing(plane.x), 1e3, " mm"),
-        ("spacing along z", spacing(quiet.z), spacing(plane.z), 1e3, " mm"),
-        ("height", quiet.height, plane.height, 1e3, " mm"),
+        ("Mach number", quiet.mach, plane.mach),
+        ("spacing along x (m)", spacing(quiet.x), spacing(plane.x)),
+        ("spacing along z (m)", spacing(quiet.z), spacing(plane.z)),
+        ("height (m)", quiet.height, plane.height),
     ]
-    for what, there, here, factor, unit in facts[: 3 + same_height]:
+    for what, there, here in facts[: 3 + same_height]:
         if there is not None and here is not None and abs(there - here) > SAME * max(abs(there), abs(here)):
             raise ValueError(
-                f"background {quiet.name} has {what} {factor * there:.4g}{unit} and {plane.name} "
-                f"{factor * here:.4g}{unit}; give the same plane of the same flow without sound, or its rms in m/s"
+                f"background {quiet.name} has {what} {there:.4g} and {plane.name} {here:.4g}; give the same plane of "
+                "the same flow without sound, or its rms in m/s"
             )
-    step = SAME * min((each for _, _, each, *_ in facts[1:3] if each), default=math.inf)
+    step = SAME * min((spacing for _, _, spacing in facts[1:3] if spacing), default=math.inf)
     pairs = ((quiet.x, plane.x), (quiet.z, plane.z))
     return quiet.probe_shape == plane.probe_shape and all(
         a is b is None or (a is not None and b is not None and float((a - b).abs().max()) <= step) for a, b in pairs
     )
-
-
-def _interpolated(known: Sequence[Background], target: float | None) -> Background:
-    """Between planes of several heights, linearly in height, at the target, m."""
-    if target is None or any(each.height is None for each in known):
-        raise ValueError("background: several planes need their heights, and a hole diameter of the liner; state them")
-    ordered = sorted(known, key=lambda each: each.height or 0.0)
-    heights = torch.tensor([each.height for each in ordered], dtype=torch.float64)
-    if not heights[0] * (1 - SAME) <= target <= heights[-1] * (1 + SAME):
-        shown = ", ".join(f"{1e3 * each:.4g}" for each in heights.tolist())
-        raise ValueError(
-            f"background: planes at {shown} mm, and none is on either side of half a hole diameter, "
-            f"{1e3 * target:.4g} mm; add one, or give the plane at the height of the run alone"
-        )
-    above = int(torch.searchsorted(heights, target).clamp(1, len(heights) - 1))
-    lower, upper = ordered[above - 1], ordered[above]
-    if len(lower.rms) != len(upper.rms):
-        raise ValueError("background: the planes have different cells; give planes of one grid")
-    share = float((target - heights[above - 1]) / (heights[above] - heights[above - 1]))
-    ends = {
-        name: tuple(a + share * (b - a) for a, b in zip(getattr(lower, name), getattr(upper, name), strict=False))
-        for name in ("rms", "low", "high")
-    }
-    return Background(**ends, source=(*lower.source, *upper.source), height=target)
-
-
-def widened(own: Educed | None, others: Sequence[Educed | None]) -> Educed | None:
-    """With an interval that also holds what a stated input may be off by, from Z at both of its bounds."""
-    if own is None or own.interval is None:
-        return own
-    changes = torch.stack([torch.view_as_real(each.impedance - own.impedance) for each in others if each])
-    value, low, high = map(torch.view_as_real, (own.impedance, own.interval.low, own.interval.high))
-    below, above = (value - low).clamp(min=0), (high - value).clamp(min=0)
-    lower = low + below - below.hypot(changes.amin(0).clamp(max=0))
-    upper = high - above + above.hypot(changes.amax(0).clamp(min=0))
-    bounds = {"low": torch.where(low.isfinite(), lower, low), "high": torch.where(high.isfinite(), upper, high)}
-    bounds = {name: torch.view_as_complex(each.contiguous()) for name, each in bounds.items()}
-    return dataclasses.replace(own, interval=dataclasses.replace(own.interval, **bounds))
 
 
 def background_words(choices: Mapping[str, Any]) -> str:
@@ -188,15 +148,8 @@ def background_words(choices: Mapping[str, Any]) -> str:
     found = choices.get("background")
     if found is None:
         return ""
-
-    def between(values: Sequence[float]) -> str:
-        return " to ".join(dict.fromkeys(f"{end:.3g}" for end in (min(values), max(values))))
-
     stated = isinstance(found, float | int)
-    rms = [float(found)] if stated else found["rms"]
-    text = f"incoherent velocity scaled by {choices.get('incoherent_scale', 1.0):.3g} to {between(rms)} m/s"
-    if stated:
-        return f"{text}, as stated"
-    bounds = f" ({between([*found['low'], *found['high']])})" if found["low"] else ""
-    height = "" if found["height"] is None else f", at {1e3 * found['height']:.3g} mm"
-    return f"{text}{bounds}, the rms without sound of {' and '.join(found['source'])}{height}"
+    rms = [found] if stated else found["rms"]
+    ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (min(rms), max(rms))))
+    source = "as stated" if stated else f"the rms without sound of {' and '.join(found['source'])}"
+    return f"incoherent velocity scaled by {choices.get('incoherent_scale', 1.0):.3g} to {ends} m/s, {source}"

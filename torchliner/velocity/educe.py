@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.checks import tell
-from torchliner.engine.drives import phase_locked
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import reduce
 from torchliner.io.plane_parts import named_planes
@@ -60,7 +59,7 @@ def educe(
     >>> f"{complex(found.answer[0]):.2f}"  # |v| never changes: the model's own value
     '4.62-0.65j'
     """
-    model, chosen, ends = as_liner(liner), Choices(**choices), list[Moments]()
+    model, chosen = as_liner(liner), Choices(**choices)
     if isinstance(plane, Moments):
         if chosen.level_matched:
             raise ValueError(f"level_matched reads {plane.plane.name} several times; give the plane, not its moments")
@@ -69,11 +68,7 @@ def educe(
     else:
         reading = reading_of(plane, [model], frequency, chosen, projected=True)
         known, asked, chosen = take_moments(reading, progress=progress), reading.frequency, reading.chosen
-        quiet, seen, cells = chosen.background, known.survey, known.membership
-        if quiet is not None and quiet.low and chosen.interval is not None:  # both bounds of its interval
-            bounds = (dataclasses.replace(quiet, rms=rms).scale(seen, cells) for rms in (quiet.low, quiet.high))
-            ends = [reading.with_drive(known, phase_locked(seen, cells, scale)) for scale in bounds]
-    found = answer(known, model, asked, chosen, reference_phase, pressure, ends)
+    found = answer(known, model, asked, chosen, reference_phase, pressure)
     if chosen.level_matched:
         matched, notes = match_level(reading, known, model, pressure, reference_phase)
         found = dataclasses.replace(found, level_matched=matched, notes=(*found.notes, *notes))

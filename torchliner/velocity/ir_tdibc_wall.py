@@ -107,5 +107,5 @@ def fixed_speed(liner: LinerModel, frequency: Tensor, power: Tensor, highest: fl
     if not bool(beyond.any()):
         return float("nan")
     first = int(beyond.int().argmax())
-    ends = places[[first - 1, first]].tolist()
-    return float(brentq(lambda s: float(excess(places.new_tensor([s]))), *ends, xtol=1e-14))
+    low, high = places[[first - 1, first]].tolist()
+    return float(brentq(lambda s: float(excess(places.new_tensor([s]))), low, high, xtol=1e-14))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -11,6 +12,7 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Levels, interpolation_error
+from torchliner.engine.survey import coherence_by_chance
 from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
 from torchliner.names import AVERAGINGS
@@ -25,6 +27,10 @@ LONG_CELL = 0.125  # wavelengths: over a cell as long the tone turns by 45 degre
 DOUBTFUL_MEAN, LARGEST_MEAN = 3.0, 10.0  # |mean| over rms of v, half of the probes beyond: noted, refused
 LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model table: refused, noted
 NEAR = (0.45, 0.55)  # hole diameters that count as half of one, the height at which a quiet run's rms acts
+CHANCE = 0.01  # of records without a tone, of which the test finds one
+NO_TONE = "no-tone"  # code of the note with which phase-locked averaging gives way to ``admittance``
+JETS = 0.1  # velocity ratio, above which jets pass the plane as turbulence (docs/background.md)
+TONAL = 0.1  # share of the variance of v in step with the tone, above which Z elsewhere is not that of a tone alone
 
 
 def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> Iterator[Note]:
@@ -32,22 +38,19 @@ def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> I
     gas, flow and lengths, and whether flow would count twice."""
     name, lowest, highest = plane.name, float(frequency.min()), float(frequency.max())
     if plane.liner == "hard wall":
-        text = "there is a hard wall below and no liner: the values only show what this model makes of such a velocity"
-        yield Note("null-test", f"null test: {name}: {text}")
+        yield Note("null-test", f"null test: {name}: there is a hard wall below and no liner")
     yield from plane_notes(plane, lowest, liner.cell_pitch)
     if (steps := plane.sampling_rate / highest) < FEWEST_SAMPLES_PER_PERIOD:
         text = f"{steps:.3g} samples per period of {highest:g} Hz, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         yield Note("coarse-sampling", f"{name} has {text}: the corners of |v| are not resolved")
     if liner.flow_resistance > 0:
         text = (
-            f"the law of liner {liner.describe().get('name', '')!r} adds {liner.flow_resistance:.3g} rho c of "
-            f"resistance for grazing flow, but |v| as measured in {name} holds the turbulence already (Roncen et "
-            "al. 2026, section 2.4), so flow would count twice; set the law's mach to 0"
+            f"the law of liner {liner.describe().get('name', '')!r} adds {liner.flow_resistance:.3g} rho c for grazing "
+            f"flow, but |v| of {name} holds the turbulence already (Roncen et al. 2026, section 2.4): set its mach to 0"
         )
         yield Note("flow-counted-twice", text, liner.flow_resistance)
     if liner.lacks_mach and plane.mach is None:
-        text = f"neither the liner nor {name} states a Mach number, on which the liner's law depends; 0 is taken"
-        yield Note("no-mach", f"{text}: state mach of the data (--mach), 0 where there is no flow")
+        yield Note("no-mach", f"neither the liner nor {name} states a Mach number: 0 is taken; state mach (--mach)")
     if liner.fluid is not None:
         yield from (Note("gas", text) for text in gas_warnings(liner.fluid, plane.fluid, name))
 
@@ -64,37 +67,30 @@ def review_reading(
     of another height."""
     locked, quiet, name = chosen.averaging == "phase-locked", chosen.background, plane.name
     if locked and plane.frequency is None and len(frequency) > 1:
-        text = f"{name} states no tone, and {len(frequency)} frequencies are asked for: of v only the mean is averaged"
-        yield Note("no-stated-tone", f"{text} over the cells; state frequency= of the data")
+        yield Note("no-stated-tone", f"{name}: of v only the mean is averaged over cells; state its tone (frequency=)")
     if locked and cell_pitch is None and plane.x is not None:
         length, wave = float(plane.x.max() - plane.x.min()), float(plane.fluid.sound_speed) / float(frequency.max())
         if length > LONG_CELL * wave:
-            text = f"all of {1e3 * length:.3g} mm counts as one cell, {length / wave:.2g} wavelengths, over which the"
-            text += " phase of the tone turns; state cell_pitch, or choose averaging='admittance'"
-            yield Note("no-cell-pitch", f"{name}: the liner states no cell_pitch, so that {text}")
+            text = f"all of {1e3 * length:.3g} mm counts as one cell, {length / wave:.2g} wavelengths"
+            yield Note("no-cell-pitch", f"{name}: {text}; state cell_pitch, or choose averaging='admittance'")
     if chosen.interval is not None and blocks.count < FEWEST_BLOCKS:
-        text = f"no error bars, since the record holds {blocks.periods} whole periods of the tone"
-        least = f"{FEWEST_BLOCKS} are the least, and 16 periods give a fair interval"
-        yield Note("no-intervals", f"{name}: {text}; {least}")
+        text = f"no error bars, since the record holds {blocks.periods} whole periods; {FEWEST_BLOCKS} are the least"
+        yield Note("no-intervals", f"{name}: {text}, 16 give a fair interval")
     diameter = None if liner is None else liner.hole_diameter
-    if quiet is None or not quiet.source or quiet.height is None or not diameter:
+    if quiet is None or quiet.height is None or not diameter:
         return
     if not NEAR[0] <= (share := quiet.height / diameter) <= NEAR[1]:
         text = (
-            f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters. It acts at "
-            f"half a diameter, {500 * diameter:.3g} mm: in resolved cases R was off by -47 and -38 % at 0.25 "
-            "diameters, by -12 to -5 % at 0.41, by +21 and +42 % at 0.7. Give planes on either side of it, between "
-            "which the rms is interpolated (--background LOW HIGH)"
+            f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters; it acts at half a "
+            "diameter (docs/background.md): give planes on either side of it (--background LOW HIGH)"
         )
         yield Note("background-height", text)
 
 
 def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator[Note]:
-    """Probes that were left out, dead or constant, and cells that lost probes or are gone.
+    """Probes that were left out, dead or constant, and cells that lost probes or are gone; ``plane`` has its samples,
+    if it has any, and ``cells`` is how many there were.
 
-    Args:
-        plane: with its samples, if it has any.
-        cells: how many there were.
     Raises:
         ValueError: data of which no sum means anything: nan or inf; |v| beyond the speed of sound, or beyond a table;
             nearly all of v is its mean, as of a velocity along the flow, and that is not taken off.
@@ -108,8 +104,7 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
             f"{_place(plane, probe)}, sample {first_fault(plane, seen.blocks, probe)}; repair them, or leave such "
             "probes out with missing='exclude' (--missing exclude)"
         )
-    if isinstance(known.nodes, Levels):
-        refuse_beyond_table(plane, known, known.nodes.kinks[-1])
+    refuse_beyond_table(plane, known)
     sound, peak = float(plane.fluid.sound_speed), float(seen.peak.max())
     if peak > sound:
         text = f"|v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; check the unit of the data"
@@ -123,14 +118,11 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
     # Those that do not fluctuate count as 0.
     ratio = torch.where(rms <= 1e-6 * mean.abs(), 0, mean.abs() / rms.clamp(min=1e-300))[used].median()
     if ratio > DOUBTFUL_MEAN and known.settings["mean"] == "kept":
-        text = f"{name}: the mean of v is {float(ratio):.3g} times its rms"
+        text = f"{name}: the mean of v is {float(ratio):.3g} times its rms (limit {LARGEST_MEAN:g}), as of a velocity "
+        text += "along the flow; name the wall-normal component, or take mean='removed' (--mean removed)"
         if ratio > LARGEST_MEAN:
-            raise ValueError(
-                f"{text} (limit {LARGEST_MEAN:g}), as of a velocity along the flow; name the wall-normal component, or "
-                "take the mean off with mean='removed' (--mean removed)"
-            )
-        text += ": this may be a velocity along the flow, or the wall blows"
-        yield Note("large-mean", f"{text}; mean='removed' (--mean removed) takes the mean off")
+            raise ValueError(text)
+        yield Note("large-mean", text)
     gone, weight = cells - known.membership.count, known.cells.weight
     if gone or weight is not None:
         least = 1.0 if weight is None else float(weight.min())
@@ -147,22 +139,23 @@ def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
     raise ValueError(f"{plane.name}: sums of v^2 at probe {probe} are beyond the range of numbers; check the unit")
 
 
-def refuse_beyond_table(plane: VelocityPlane, known: Moments, top: float) -> None:
-    """Refuse |v| above ``top``, m/s, where the table of these moments ends and their sums are nan.
+def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
+    """Refuse |v| where the table of these moments, if they are of one, ends, so that their sums are nan.
 
     Raises:
         ValueError: beyond its table.
     """
+    if not isinstance(known.nodes, Levels):
+        return
     for averaging in (name for name in known.sums if name in AVERAGINGS):
         beyond = torch.isnan(known.sums[averaging].sum((0, 1, 2))).cpu()
         if bool(beyond.any()):
             first = int(beyond.nonzero()[0])
             peak = float(survey_of_columns(known, averaging).peak[first])
             place = f"cell {first}" if averaging == "velocity" else f"probe {_place(plane, first)}"
-            remedy = "" if averaging == "admittance" else ", or take averaging='admittance'"
             raise ValueError(
                 f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's "
-                f"table, {top:g} m/s; extend it{remedy}"
+                f"table, {float(known.nodes.speeds[-1]):g} m/s; extend it"
             )
 
 
@@ -180,17 +173,85 @@ def review_table(known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor
     if known.nodes is None:
         return 0.0, []
     error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
-    text = (
-        f"{known.plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = "
-        f"{speed:.4g} m/s, from its values at {known.nodes.count} speeds"
-    )
     remedy = "reduce the data with this liner and these frequencies"
     if known.onto is not None:
         remedy = "give it as a TabulatedLiner with its kinks among the speeds, or state speed_max and speed_kinks"
+    text = (
+        f"{known.plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = "
+        f"{speed:.4g} m/s, from its values at {known.nodes.count} speeds (limit {LARGEST_MODEL_ERROR:g}): {remedy}"
+    )
     if error > LARGEST_MODEL_ERROR:
-        raise ValueError(f"{text} (limit {LARGEST_MODEL_ERROR:g}): {remedy}")
+        raise ValueError(text)
     most = error * float((z + 1).abs().square().max()) / 2  # of dZ = (Z + 1)^2 dR/2
-    return error, [Note("model-table", f"{text}: {remedy}", most)] if error > DOUBTFUL_MODEL_ERROR else []
+    return error, [Note("model-table", text, most)] if error > DOUBTFUL_MODEL_ERROR else []
+
+
+def review_sound(
+    known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices
+) -> tuple[list[Note], dict[str, Any]]:
+    """Notes, and for the ``choices`` of the result ``velocity_ratio``, |V1|/(phi M c): peak of the phase-locked
+    velocity of the cells at the tone over porosity and flow velocity, and ``tone_share``, of the variance of v*.
+
+    A record without the tone that is stated, or without any of those asked for, where none is; strong sound in weak
+    flow without a background; frequencies at which |v| is set by another tone.
+
+    Raises:
+        ValueError: there is no tone, and the phase is to be found from it.
+    """
+    plane, seen, cells, count = known.plane, known.survey, known.membership, known.survey.blocks.count
+    name, porosity, notes, facts = plane.name, liner.surface_porosity, list[Note](), dict[str, Any]()
+    tested = frequency if plane.frequency is None else torch.tensor([plane.frequency], dtype=torch.float64)
+    coherence = float(seen.coherence(tested, cells).nan_to_num(1).max()) if count > 2 else 1.0
+    limit = coherence_by_chance(max(count, 3), CHANCE)
+    if coherence <= limit:
+        text = (
+            f"{name}: v holds no tone of {float(tested[0]):g} Hz that can be told from noise: its squared coherence "
+            f"over {count} blocks is {coherence:.2g}, and noise reaches {limit:.2g} in {100 * CHANCE:g} % of records"
+        )
+        if chosen.phase == "self-consistent":
+            raise ValueError(f"{text}; phase 'self-consistent' needs one: choose phase='averaged'")
+        stated = plane.incident_level is not None and plane.source_side not in ("none", "unknown")
+        if chosen.background is not None or stated:  # there is sound for all that: the averaging stays
+            notes.append(Note("hidden-tone", f"{text}; the phase-locked velocity is mostly noise"))
+        else:
+            notes.append(Note(NO_TONE, f"{text}; Z is the response to turbulence alone, averaging 'admittance'"))
+    place, facts["velocity_ratio"] = [i for i, f in enumerate(frequency.tolist()) if plane.frequency in (None, f)], None
+    if coherence > limit and plane.mach and porosity and len(place) == 1:
+        peak = float(cells.mean(seen.tone(frequency[place])[0, :, 0]).abs().mean())
+        ratio = peak / (porosity * plane.mach * float(plane.fluid.sound_speed))
+        facts["velocity_ratio"] = ratio if math.isfinite(ratio) else None
+        if ratio > JETS and chosen.averaging == "phase-locked" and known.settings["background"] is None:
+            text = (
+                f"{name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {JETS:g}): v holds vortices of the jets "
+                "that the sound makes, so that R is probably too high: give a run without sound (--background)"
+            )
+            notes.append(Note("velocity-ratio", text))
+    if chosen.averaging != "phase-locked" or plane.frequency is None or not seen.harmonics:
+        return notes, facts
+    facts["tone_share"] = share = tone_share(known)
+    other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
+    if share > TONAL and known.settings["drive"] == "instantaneous" and bool(other.any()):
+        text = (
+            f"{name}: {100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz: at "
+            f"{float(frequency[other][0]):g} Hz Z is that of a weak second tone beside it, not of a tone sent alone"
+        )
+        notes.append(Note("other-tone", text))
+    return notes, facts
+
+
+def tone_share(known: Moments) -> float:
+    """Share of the variance of v* that is periodic with the tone, mean over the cells."""
+    locked, seen, cells = known.locked, known.survey, known.membership
+    assert locked is not None
+    rows, samples = seen.rows, seen.lengths.sum()
+    gram, sums = seen.gram.sum(0)[rows][:, rows], seen.sums.sum(0)[rows]
+    fit, gram = torch.linalg.pinv(gram, hermitian=True, rtol=1e-9).to(sums) @ sums, gram.to(sums)
+    of_cells = cells.mean(fit)
+    periodic = ((of_cells * (gram @ of_cells)).sum(0) / samples - of_cells[0] ** 2).clamp(min=0).mean()
+    left = (seen.mean_square - (fit * sums).sum(0) / samples).clamp(min=0)
+    left = cells.mean(left if locked.scale is None else left * locked.scale**2)
+    rest = (left * cells.sizes).sum() / cells.sizes.sum()
+    return float(periodic / (periodic + rest).clamp(min=1e-300))
 
 
 def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
@@ -206,17 +267,14 @@ def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Ten
 
     ``paper``: averaging ``admittance``, whose probes are judged; ``chief``: of the liner, by the answer's averaging.
     """
-    plane, total, blocks, limit = known.plane, int(known.used.sum()), known.survey.blocks, chosen.wall_filter or 0.0
+    name, total, blocks, limit = known.plane.name, int(known.used.sum()), known.survey.blocks, chosen.wall_filter or 0.0
     walls = [] if paper.wall is None else paper.wall.sum(0).tolist()
     for f, found in zip(frequency.tolist(), walls, strict=bool(walls)):
         text = (
-            f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {plane.name} have a squared "
-            f"coherence below {limit:g} with {f:g} Hz and count as wall, admittance 0, in averages over probes; "
-            f"without any tone {100 * (1 - limit) ** (blocks.count - 1):.2g} % of probes would pass it, with "
-            f"{blocks.count} blocks"
+            f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {name} have a squared coherence "
+            f"below {limit:g} with {f:g} Hz and count as wall, admittance 0, in averages over probes; without any tone "
+            f"{100 * (1 - limit) ** (blocks.count - 1):.2g} % of probes would pass it, with {blocks.count} blocks"
         )
-        if plane.frequency is not None and abs(f / plane.frequency - 1) > SAME_FREQUENCY:
-            text += f"; the tone of the data is {plane.frequency:g} Hz, so this filters turbulence, not sound"
         yield Note("wall-filter", text)
     if chosen.phase == "self-consistent":
         yield from fallen_back(paper.held, chosen)
@@ -227,7 +285,7 @@ def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Ten
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
         wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
         text = (
-            f"{plane.name}: the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are "
+            f"{name}: the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are "
             f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
         )
         yield Note("few-blocks", text, width / 2 if math.isfinite(width) else None)
@@ -235,8 +293,7 @@ def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Ten
     for f, (bias, error) in zip(frequency.tolist(), pairs, strict=True):
         if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
             text = (
-                f"{plane.name}: the mean of the probes' admittances is off by about {bias.real:+.2g}{bias.imag:+.2g}j "
-                f"in Z at {f:g} Hz, more than its standard error, because each probe's record is short; the interval "
-                "is without that bias, the value is not"
+                f"{name}: the mean of the probes' admittances is off by {bias.real:+.2g}{bias.imag:+.2g}j in Z at "
+                f"{f:g} Hz, more than its standard error; the interval is without that bias, the value is not"
             )
             yield Note("biased-mean", text, abs(bias))
