@@ -111,7 +111,7 @@ def test_speed_beyond_a_table():
     v[1, ::2] = 3.4
     v += torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(600)) * torch.tensor([[2.0], [-0.4]])
     v = v.clamp(-3.99, 3.99)
-    with pytest.raises(ValueError, match="averaging 'phase-locked'.*above the liner's table, 4 m/s"):
+    with pytest.raises(ValueError, match=r"averaging 'phase-locked'.*above the liner's table, 4 m/s"):
         tl.educe(plane_of(v), table)
     found = tl.educe(plane_of(v), table, averaging="admittance")
     assert complex(found.answer[0]) == pytest.approx(0.5 + 0.1j, abs=1e-5)
