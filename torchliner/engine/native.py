@@ -1,7 +1,7 @@
 """The sums of a reading on CPUs in C++: built at first use where a compiler is, or brought by the wheel.
 
-The library lies in a folder that only the user can write, beside its own checksum; what does not match is built anew
-and never loaded. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses it, ``native`` insists on it.
+The library lies in a folder that only the user can write. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses
+it, ``native`` insists on it.
 """
 
 import contextlib
@@ -21,7 +21,8 @@ from torch import Tensor
 
 SOURCE = Path(__file__).with_suffix(".cpp")
 # Not -ffast-math: a library built with it makes the whole process flush denormal numbers to zero.
-FLAGS = ("-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC")
+FLAGS = ("-std=c++17", "-O3", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
+PROCESSORS = {"AVX2": ("-march=haswell",), "AVX512": ("-march=skylake-avx512",)}
 SECONDS = 120.0  # that a compiler may take
 PRECISIONS = {torch.float32: "float32", torch.float64: "float64"}
 
@@ -45,14 +46,12 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
     """See ``nodes.torch_sums``; columns with any strides; other threads work on meanwhile.
 
     Raises:
-        TypeError: neither float32 nor float64. ValueError: shapes that do not fit, or not on a CPU.
+        ValueError: neither float32 nor float64, shapes that do not fit, or not on a CPU.
     """
-    if columns.dtype not in PRECISIONS:
-        raise TypeError(f"columns are {columns.dtype}; the compiled sums take float32 or float64")
     slabs, rows, length = weights.shape
-    if columns.shape[:-1] != (slabs, length) or not columns.is_cpu:
-        have = f"columns are {tuple(columns.shape)} on {columns.device}"
-        raise ValueError(f"{have}; weights {tuple(weights.shape)} need ({slabs}, {length}, N) on a CPU")
+    if columns.shape[:-1] != (slabs, length) or not columns.is_cpu or columns.dtype not in PRECISIONS:
+        have = f"columns are {columns.dtype}, {tuple(columns.shape)} on {columns.device}"
+        raise ValueError(f"{have}; weights {tuple(weights.shape)} need float32 or 64, ({slabs}, {length}, N) on a CPU")
     compiled, held, width = library(), weights.to(columns).contiguous(), columns.shape[2]
     assert compiled is not None
     found = torch.empty(slabs, rows, count, width, dtype=torch.float64)
@@ -69,7 +68,10 @@ def library() -> CDLL | None:
     problems = []
     for get in (_built, _brought):
         try:
-            return get()
+            found = CDLL(str(get()))
+            for precision in PRECISIONS.values():
+                found[f"sums_{precision}"].restype = None
+            return found
         except (OSError, AttributeError, RuntimeError, ValueError, subprocess.SubprocessError) as problem:
             problems.append(str(problem))
     reason = "; ".join(problems)
@@ -77,49 +79,30 @@ def library() -> CDLL | None:
     return None
 
 
-def _loaded(path: Path) -> CDLL:
-    found = CDLL(str(path))
-    for precision in PRECISIONS.values():
-        found[f"sums_{precision}"].restype = None
+def _brought() -> Path:
+    """The library of the wheel, made for processors that know AVX2, or any of another kind."""
+    found = next(iter(sorted(SOURCE.parent.glob("native-*.so"))), None)
+    if found is None or (found.name.endswith("-v3.so") and torch.backends.cpu.get_cpu_capability() not in PROCESSORS):
+        raise RuntimeError("the package brings no compiled sums for this processor")
     return found
 
 
-def _brought() -> CDLL:
-    """The library of the wheel, made for processors that know AVX2, or any of another kind."""
-    found = next(iter(sorted(SOURCE.parent.glob("native-*.so"))), None)
-    if found is None:
-        raise RuntimeError("the package brings no compiled sums")
-    if found.name.endswith("-v3.so") and torch.backends.cpu.get_cpu_capability() not in ("AVX2", "AVX512"):
-        raise RuntimeError(f"{found.name} needs a processor with AVX2")
-    return _loaded(found)
-
-
-def _built() -> CDLL:
-    """The library for this source, compiler and processor, built unless it is there and whole."""
-    found = [path for name in ("g++", "clang++") if (path := shutil.which(name))]
-    compiler = shlex.split(os.environ.get("CXX", "")) or found[:1]
+def _built() -> Path:
+    """The library for this source, compiler and kind of processor, built unless it is there."""
+    compiler = shlex.split(os.environ.get("CXX", "")) or [each for each in ("g++", "clang++") if shutil.which(each)][:1]
     if not compiler:
         raise RuntimeError("no C++ compiler: neither g++ nor clang++ is on the path, CXX is unset")
-    command = [*compiler, *FLAGS]
-    # Unlike machines share home folders: the macros say the compiler's version and the processor's instructions.
-    macros = _output([*command, "-dM", "-E", "-x", "c++", os.devnull])
-    key = hashlib.sha256(b"\0".join([SOURCE.read_bytes(), shlex.join(command).encode(), macros])).hexdigest()[:16]
-    folder, name = _folder(), f"native-{key}.so"
-    if folder is not None:
-        with contextlib.suppress(OSError):
-            if (folder / name).with_suffix(".sha256").read_bytes() == _digest(folder / name):
-                return _loaded(folder / name)
-    # Several processes may build at once: each into a folder of its own, the last one stays. Where no folder is the
-    # user's alone, the library lives on in memory.
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".native-") as own:
-        part = Path(own) / name
-        _output([*command, "-shared", "-o", str(part), str(SOURCE)])
-        made = _loaded(part)
-        part.with_suffix(".sha256").write_bytes(_digest(part))
-        for file in (part, part.with_suffix(".sha256")) if folder is not None else ():
-            file.chmod(0o600)
-            os.replace(file, Path(own).parent / file.name)
-    return made
+    command = [*compiler, *FLAGS, *PROCESSORS.get(torch.backends.cpu.get_cpu_capability(), ())]
+    key, folder = hashlib.sha256(SOURCE.read_bytes() + shlex.join(command).encode()).hexdigest()[:16], _folder()
+    library = (folder or Path(tempfile.mkdtemp(prefix="torchliner-"))) / f"native-{key}.so"
+    if not library.exists():
+        # Several processes may build at once: each into a file of its own, the last one stays.
+        part = library.with_suffix(f".{os.getpid()}")
+        done = subprocess.run([*command, "-o", part, SOURCE], capture_output=True, text=True, timeout=SECONDS)
+        if done.returncode:
+            raise RuntimeError(f"{shlex.join(command)} failed with code {done.returncode}: {done.stderr[-500:]}")
+        part.replace(library)
+    return library
 
 
 def _folder() -> Path | None:
@@ -131,18 +114,3 @@ def _folder() -> Path | None:
         mine = state.st_uid == os.getuid() and not folder.is_symlink() and not state.st_mode & 0o022
         return folder if mine and os.access(folder, os.W_OK) else None
     return None
-
-
-def _digest(path: Path) -> bytes:
-    return hashlib.sha256(path.read_bytes()).hexdigest().encode()
-
-
-def _output(command: list[str]) -> bytes:
-    """What a compiler prints; RuntimeError with its message where it fails."""
-    done = subprocess.run(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=SECONDS
-    )
-    if done.returncode:
-        text = done.stdout.decode(errors="replace")[-500:]
-        raise RuntimeError(f"{shlex.join(command)} failed with code {done.returncode}: {text}")
-    return done.stdout

@@ -81,8 +81,8 @@ def review_reading(
         return
     if not NEAR[0] <= (share := quiet.height / diameter) <= NEAR[1]:
         text = (
-            f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters; it acts at half "
-            "a diameter (docs/background.md): give planes on either side of it (--background LOW HIGH)"
+            f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters; it acts at "
+            "half a diameter (docs/background.md): give planes on either side of it (--background LOW HIGH)"
         )
         yield Note("background-height", text)
 
