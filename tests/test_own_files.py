@@ -429,7 +429,7 @@ def test_a_file_answers_as_memory_does(choices, dtype, liner, tmp_path):
     assert found.notes == known.notes
     assert (found.plane.velocity.shape, found.plane.velocity.dtype) == ((2, 4, 900), dtype)
     assert same_bits(found.educe(liner, **choices), known.educe(liner, **choices))
-    with pytest.raises(ValueError, match=r"m\.h5 holds moments.* 900 time samples are gone"):
+    with pytest.raises(ValueError, match=r"m\.h5 holds moments.* no time samples"):
         found.plane.read(0, 1)
 
 

@@ -39,16 +39,11 @@ class Blocks:
 
     @classmethod
     def of(cls, samples: int, sampling_rate: float, tone: float, most: int = MOST_BLOCKS) -> Blocks:
-        """All whole periods of a record, in at most ``most`` blocks as equal as can be; ``tone`` in Hz.
-
-        Raises:
-            ValueError: the record holds no whole period.
-        """
+        """All whole periods of a record, in at most ``most`` blocks as equal as can be; ``tone`` in Hz. ValueError
+        where it holds none."""
         periods = int(samples * tone / sampling_rate + SLACK)
         if periods < 1:
-            raise ValueError(
-                f"the record holds {samples * tone / sampling_rate:.3g} periods of {tone:g} Hz; one is the least"
-            )
+            raise ValueError(f"the record holds no period of {tone:g} Hz; one is the least")
         count = min(periods, most)
         steps = (round(periods * i // count * sampling_rate / tone) for i in range(count + 1))
         return cls(tuple(min(samples, step) for step in steps), sampling_rate, periods)
@@ -66,14 +61,9 @@ class Blocks:
     def batches(
         self, rows: int, slab: int = SLAB, only: Iterable[int] | None = None, *, across: bool = False
     ) -> Iterator[list[Slab]]:
-        """Slabs in order of time, those that are worked on together in one list.
-
-        Args:
-            rows: samples of a batch, at most, if one slab is not longer.
-            slab: samples of a slab, at most; those of a block are as equal as can be.
-            only: blocks to take, rising; default all.
-            across: whether a batch may hold several blocks, which saves launches.
-        """
+        """Slabs in order of time, those that are worked on together in one list: of at most ``rows`` samples if one
+        slab is not longer, and of several blocks if ``across``. Slabs of a block are as equal as can be. ``only``:
+        blocks to take, rising; default all."""
         batch: list[Slab] = []
         for place, block in enumerate(range(self.count) if only is None else only):
             begin, end = self.borders[block : block + 2]

@@ -31,26 +31,16 @@ class Drive:
     """v, or its mean over each cell, times ``scale`` less ``waves(lines).T @ taken``; or the running rms of that.
 
     ``Drive()`` is averaging ``admittance``, the paper's, ``Drive(cells)`` is ``velocity``.
-
-    Args:
-        cells: whose means are the columns; None: the probes are.
-        taken: coefficients of 1, cos and sin of the lines, m/s, (1 + 2 H, N); None takes nothing off.
-        lines: Hz, of the harmonics, (H,), on the device of ``taken``; none for the mean alone.
-        sampling_rate: Hz.
-        scale: s, (N,); None for 1.
-        share: g of the mean and of each harmonic, by cell, (1 + H, C), from which ``taken`` follows; for the record.
-        window: samples of the running rms, centred on each sample and cut at the ends of the record; 0: none.
-        samples: of the record, for the running rms.
     """
 
-    cells: Membership | None = None
-    taken: Tensor | None = None
-    lines: Tensor = NOTHING
+    cells: Membership | None = None  # whose means are the columns; None: the probes are
+    taken: Tensor | None = None  # coefficients of 1, cos and sin of the lines, m/s, (1 + 2 H, N)
+    lines: Tensor = NOTHING  # Hz, of the harmonics, (H,), on the device of ``taken``; none for the mean alone
     sampling_rate: float = 1.0
-    scale: Tensor | None = None
-    share: Tensor = NOTHING
-    window: int = 0
-    samples: int = 0
+    scale: Tensor | None = None  # s, (N,); None for 1
+    share: Tensor = NOTHING  # g of the mean and of each harmonic, by cell, (1 + H, C), from which ``taken`` follows
+    window: int = 0  # samples of the running rms, centred on each sample and cut at the ends of the record; 0: none
+    samples: int = 0  # of the record, for the running rms
 
     def __call__(self, v: Tensor, begin: int) -> Tensor:
         """Columns (t, N) of a slab (t, P) that begins with this sample of the record."""
@@ -58,8 +48,7 @@ class Drive:
         if self.scale is not None:
             found = found * self.scale.to(v)
         if self.taken is not None:
-            lines = self.lines if len(self.lines) else self.taken.new_empty(0)
-            rows = waves(lines, self.sampling_rate, begin, begin + len(v)).T.to(v)
+            rows = waves(self.lines.to(self.taken.device), self.sampling_rate, begin, begin + len(v)).T.to(v)
             found = torch.addmm(found, rows, self.taken.to(v), alpha=-1)
         if not self.window:
             return found
@@ -77,10 +66,8 @@ class Drive:
 
 
 def phase_locked(seen: Survey, cells: Membership, scale: Tensor | None = None) -> Drive:
-    """The drive ``phase-locked`` from a survey of the whole record; probes of no cell keep their own velocity.
-
-    ``scale``: s, of the incoherent velocity of each probe, (P,); default 1.
-    """
+    """The drive ``phase-locked`` from a survey of the whole record, with the incoherent velocity of each probe times
+    ``scale``, (P,); probes of no cell keep their own velocity."""
     fit, away, share = _periodic(seen, cells)
     taken = cells.spread(torch.cat([share, share[1:]])) * away
     lines = seen.lines[: seen.harmonics].to(fit.device)

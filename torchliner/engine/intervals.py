@@ -74,14 +74,8 @@ ITSELF = Conversion(lambda z: z, torch.ones_like, math.inf)
 
 
 def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversion = FROM_REFLECTION) -> Interval:
-    """Interval of Z at every place, (...).
-
-    Args:
-        values: complex128, as of ``replicates``, (1 + S + 4, ...), S at least 4.
-        shares: of each block in the whole record, w, of sum 1, float64, (S,).
-        level: of the interval, 0 to 1.
-        conversion: from ``values`` to Z, the reflection coefficient unless stated.
-    """
+    """Interval of Z at every place, (...), from ``values`` as of ``replicates``, complex128, (1 + S + 4, ...), S at
+    least 4; ``shares`` of each block in the whole record, w, of sum 1, float64, (S,); ``level`` 0 to 1."""
     value, count = values[0], len(shares)
     power, square, lengths = scatter(values[1 : 1 + count].flatten(1), shares)
     possible = torch.arange(1, count + 1, dtype=torch.float64)
@@ -97,11 +91,9 @@ def scatter(left: Tensor, shares: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
     A run has :math:`1.1447\,(4 \rho^2 S/(1-\rho^2)^2)^{1/3}` blocks, at least 2, at most S/4. For a correlation
     :math:`\rho^k` of blocks k apart the mean varies as :math:`(1 + \rho)/(1 - \rho)`; a run of L has none from
-    :math:`k = L` on and :math:`1 - k/L` of what there is before, which is allowed for.
+    :math:`k = L` on and :math:`1 - k/L` of what there is before, which is allowed for. ``left``: the results without
+    each block, complex128, (S, N).
 
-    Args:
-        left: the results without each block, complex128, (S, N).
-        shares: of each block in the whole record, (S,).
     Source: Andrews, Econometrica 59 (1991), eqs (6.2), (6.4), for runs of blocks.
     """
     kept, count = (1 - shares)[:, None], len(shares)
@@ -126,10 +118,8 @@ def impedance_interval(
 ) -> Interval:
     """Bounds of Z and its standard error, of one shape; infinite where the record does not bound Z.
 
-    Args:
-        value: complex128, (...); bias: what it is off in the mean; the bounds are without it.
-        power, square: E|d|^2 and E[d^2] of its scatter d.
-        quantile: of Student's distribution.  runs: independent runs of the record.  conversion: to Z.
+    ``bias`` is what ``value`` is off in the mean; ``power`` and ``square`` are E|d|^2 and E[d^2] of its scatter d;
+    ``quantile`` is of Student's distribution.
     """
     shape = value.shape
     value, bias, power, square, quantile, runs = map(torch.flatten, (value, bias, power, square, quantile, runs))

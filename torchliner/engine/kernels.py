@@ -97,24 +97,17 @@ def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tens
 
 @dataclass(frozen=True, eq=False)
 class KernelTable:
-    """Impulse responses h[m; |v|], m = first .. first + K - 1, at one sampling rate.
+    """Impulse responses h[m; |v|], m = first .. first + K - 1, at one sampling rate."""
 
-    Args:
-        taps: float64, (V, K), of ``grid``, V levels of |v|.  first: m of the first tap, 0 or negative.
-        band: Hz, where the response is that of the liner.  kind: ``two-sided`` or ``causal``.
-        error, level_error: largest |H - R| in the band, at the levels, and of the interpolation between them.
-        gain: largest |H| at any frequency and level.
-    """
-
-    taps: Tensor
-    first: int
+    taps: Tensor  # float64, (V, K), of ``grid``, V levels of |v|
+    first: int  # m of the first tap, 0 or negative
     sampling_rate: float
     grid: VelocityGrid
-    band: tuple[float, float]
+    band: tuple[float, float]  # Hz, where the response is that of the liner
     kind: str
-    error: float
-    level_error: float
-    gain: float
+    error: float  # largest |H - R| in the band, at the levels
+    level_error: float  # of the interpolation between them
+    gain: float  # largest |H| at any frequency and level
 
     def response(self, frequency: Tensor) -> Tensor:
         """H(f; |v|) at the levels, complex128, (V, F)."""

@@ -38,15 +38,8 @@ class ReducedVelocity:
     name: str
 
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
-        """Refused.
-
-        Raises:
-            ValueError: always.
-        """
-        raise ValueError(
-            f"{self.name} holds moments of |v|; its {self.shape[-1]} time samples are gone, and this needs them; take "
-            "the plane that was reduced"
-        )
+        """Refused."""
+        raise ValueError(f"{self.name} holds moments of |v|, no time samples; take the plane that was reduced")
 
     def load(self) -> Tensor:
         """Refused, as ``read``."""
@@ -62,29 +55,17 @@ def without_velocity(plane: VelocityPlane) -> VelocityPlane:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Layout:
-    """How the sums of a record are laid out; it needs no look at the data.
+    """How the sums of a record are laid out; it needs no look at the data."""
 
-    Args:
-        plane: the record; of moments with everything but its velocity.
-        cell_pitch: L_c of the cells, m, or None.
-        cells: that hold probes.
-        membership: probes by cell, on the device of the sums.
-        used: probes that count, bool, (P,), on the host; ``membership`` has them on the device.
-        nodes: speeds at which R is weighed; None with drive ``rms``, which needs the survey alone.
-        onto: coefficients of R of one liner at F frequencies, real parts and then imaginary parts, float64, (2 F, K),
-            on the device: sums of these two parts are kept instead of those of all K functions, which takes less
-            memory. None keeps all.
-        turns: Hz, of the waves that the sums are weighed with beside 1, (Q,): 2 f for a phase rule that needs it.
-        notes: warnings.
-    """
-
-    plane: VelocityPlane
-    cell_pitch: float | None
-    cells: Cells
-    membership: Membership
-    used: Tensor
-    nodes: Nodes | None
-    turns: Tensor
+    plane: VelocityPlane  # of moments with everything but its velocity
+    cell_pitch: float | None  # L_c of the cells, m
+    cells: Cells  # that hold probes
+    membership: Membership  # probes by cell, on the device of the sums
+    used: Tensor  # probes that count, bool, (P,), on the host; ``membership`` has them on the device
+    nodes: Nodes | None  # speeds at which R is weighed; None with drive ``rms``, which needs the survey alone
+    turns: Tensor  # Hz, of the waves that the sums are weighed with beside 1, (Q,): 2 f for a phase rule that needs it
+    # Coefficients of R of one liner at F frequencies, real and then imaginary parts, float64, (2 F, K), on the device:
+    # sums of these two parts are kept instead of those of all K functions, which takes less memory.
     onto: Tensor | None = None
     notes: tuple[Note, ...] = ()
 
@@ -111,11 +92,7 @@ class Moments(Layout, Summarised):
         return resolve("torchliner.velocity.educe:educe")(self, liner, frequency, **choices)
 
     def require_speeds(self, liner: LinerModel) -> None:
-        """Refuse a liner that has no R at some of the speeds at which these moments ask for it.
-
-        Raises:
-            ValueError: it has none beyond its largest |v|.
-        """
+        """ValueError for a liner that has no R at some of the speeds at which these moments ask for it."""
         top, nodes = liner.speed_max, self.nodes
         if top is not None and nodes is not None and float(nodes.speeds.max()) > top * (1 + 1e-9):
             kind = "any liner smooth in |v|" if isinstance(nodes, Chebyshev) else "another table"

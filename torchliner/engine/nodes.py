@@ -63,14 +63,10 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
 
 @dataclass(frozen=True)
 class Chebyshev:
-    """The functions T_k((|v| - c)/(|v| + c)), k < K.
+    """The functions T_k((|v| - c)/(|v| + c)), k < K."""
 
-    Args:
-        count: K, 2 or more.  centre: c, m/s.
-    """
-
-    count: int
-    centre: float
+    count: int  # K, 2 or more
+    centre: float  # c, m/s
     kind: str = "chebyshev"
 
     @property
@@ -87,11 +83,8 @@ class Chebyshev:
         return values @ matrix.to(values)
 
     def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
-        """Measure of ``engine.sums``: ``torch_sums`` by the fastest code of the device.
-
-        A faster function takes and gives what ``torch_sums`` does, and its module says by ``available()`` whether it
-        can be used here. ``TORCHLINER_SUMS=torch`` in the environment keeps to torch alone.
-        """
+        """Measure of ``engine.sums``: ``torch_sums`` by the fastest code of the device. A faster module has ``sums``
+        alike, and ``available()``; ``TORCHLINER_SUMS=torch`` in the environment keeps to torch alone."""
         home = FASTER.get(columns.device.type)
         faster: Any = None if home is None else importlib.import_module(home)
         sums = faster.sums if faster is not None and faster.available() else torch_sums
@@ -100,15 +93,10 @@ class Chebyshev:
 
 @dataclass(frozen=True)
 class Levels:
-    """Cardinal functions of piecewise cubics between the kinks of a table; members as of ``Chebyshev``.
+    """Cardinal functions of piecewise cubics between the kinks of a table; members as of ``Chebyshev``."""
 
-    Args:
-        kinks: m/s, rising from 0, as a tuple; |v| beyond the last has no value: sums with such |v| are nan.
-        parts: equal steps from kink to kink, 3 or more.
-    """
-
-    kinks: tuple[float, ...]
-    parts: int
+    kinks: tuple[float, ...]  # m/s, rising from 0; sums with |v| beyond the last are nan
+    parts: int  # equal steps from kink to kink, 3 or more
     kind: str = "levels"
 
     @property
@@ -172,15 +160,9 @@ def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top:
 
 @torch.no_grad()
 def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Nodes:
-    """The fewest nodes, with the best centre, from which R is known to ``tolerance``; no data are needed.
-
-    Args:
-        liners: that share the nodes.
-        frequency: Hz, (F,).
-        tolerance: of R, at each |v| up to ``TOP_SPEED``.
-    Returns:
-        ``Levels`` for tables over |v|, else ``Chebyshev``; the closest where none reaches the tolerance.
-    """
+    """The fewest nodes, with the best centre, from which R of all liners is known to ``tolerance`` at each |v| up to
+    ``TOP_SPEED``, at frequencies in Hz, (F,): ``Levels`` for tables over |v|, else ``Chebyshev``; the closest where
+    none reaches the tolerance."""
     best: Nodes = ANY_LINER
     if ends := [liner.speed_max for liner in liners if liner.speed_max is not None]:
         top = min(ends)

@@ -51,22 +51,15 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class PlaneRecord:
-    """Velocity of a plane, in memory or in its file, as a ``Record`` in the precision and on the device of the work.
+    """Velocity of a plane, in memory or in its file, as a ``Record`` in the precision and on the device of the work."""
 
-    Args:
-        plane: what is read; from a file the next slab is read while this one is worked on.
-        dtype, device: of the work.
-        excluded: probes that are read as 0, bool, (P,), on ``device``; None for none.
-        progress: called with numbers of samples read.
-        alive: slabs that live at once, counted beforehand, since torch has one thread while several work: one for each
-            thread, and one so that no thread waits for its next.
-    """
-
-    plane: VelocityPlane
+    plane: VelocityPlane  # from a file the next slab is read while this one is worked on
     dtype: torch.dtype
     device: torch.device
-    excluded: Tensor | None = None
-    progress: Callable[[int], object] | None = None
+    excluded: Tensor | None = None  # probes that are read as 0, bool, (P,), on ``device``
+    progress: Callable[[int], object] | None = None  # called with numbers of samples read
+    # Slabs that live at once, counted beforehand, since torch has one thread while several work: one for each thread,
+    # and one so that no thread waits for its next.
     alive: int = field(default_factory=lambda: torch.get_num_threads() + 1)
     samples: int = field(init=False)
     columns: int = field(init=False)
@@ -88,21 +81,13 @@ class PlaneRecord:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What one reading is to find out.
+    """What one reading is to find out."""
 
-    Args:
-        drive: columns whose |v| acts on the liner, or that are measured.
-        measure: of weights and columns, K numbers for each row and column.
-        lines: Hz, (L,), on the device: samples are weighed with 1, cos and sin of these; None for 1 alone.
-        reach: samples before and after a slab that ``drive`` needs to see; their columns are not summed.
-        largest: of how many of the last rows blocks keep the largest instead of the sum.
-    """
-
-    drive: Columns
-    measure: Measure
-    lines: Tensor | None = None
-    reach: int = 0
-    largest: int = 0
+    drive: Columns  # columns whose |v| acts on the liner, or that are measured
+    measure: Measure  # K numbers for each row of weights and column
+    lines: Tensor | None = None  # Hz, (L,), on the device: samples are weighed with 1, cos and sin of these
+    reach: int = 0  # samples before and after a slab that ``drive`` needs to see; their columns are not summed
+    largest: int = 0  # of how many of the last rows blocks keep the largest instead of the sum
 
     def join(self, found: Tensor, part: Tensor) -> None:
         """Add to what was found of a block, (..., R, K, N), in place, what was found of another part of it."""
@@ -114,12 +99,8 @@ class Job:
 
 
 def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
-    """Read a record once and give what each job asks for.
-
-    Returns:
-        For each job float64, (S, R, K, N), the rows of the blocks ``only``, rising; default all. Rows of several
-        workers, in order of time, are the same bits as one reading.
-    """
+    """Read a record once and give what each job asks for, float64, (S, R, K, N), of the blocks ``only``, rising;
+    default all. Rows of several workers, in order of time, are the same bits as one reading."""
     taken, device = range(blocks.count) if only is None else list(only), record.device
     on_cpu, reach = device.type == "cpu", max(job.reach for job in jobs)
     rows = max(FEWEST_ROWS, (ON_CPU if on_cpu else ON_DEVICE) // record.columns)
@@ -196,10 +177,7 @@ def is_differentiated(*values: Tensor) -> bool:
 
 
 def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torch.device) -> Iterator[Result]:
-    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads.
-
-    Items may be read from a file: few are asked for ahead, one more than threads live at once.
-    """
+    """The ``work`` of each item, in order; on a CPU as many at once as torch has threads. One item more lives."""
     threads = torch.get_num_threads()
     if device.type != "cpu" or threads == 1:
         yield from map(work, items)

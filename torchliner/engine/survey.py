@@ -31,24 +31,15 @@ def lines_of(tone: float | None, sampling_rate: float, asked: Tensor | None = No
 
 @dataclass(frozen=True, eq=False)
 class Membership:
-    """Probes by cell, for means over each of C cells, on the device of the work.
+    """Probes by cell, for means over each of C cells, on the device of the work."""
 
-    Args:
-        count: C.
-        labels: cell of each probe, int64, (P,); C for probes of no cell.
-        places, inside: probes of each cell side by side, padded with probe 0, int64, and 0 there, else 1, (C, M).
-        sizes: probes of each cell, float64, (C,).
-        used: probes that count, bool, (P,).
-        ordered: whether the probes already lie so in memory, all cells alike: no copy is needed.
-    """
-
-    count: int
-    labels: Tensor
-    places: Tensor
-    inside: Tensor
-    sizes: Tensor
-    used: Tensor
-    ordered: bool
+    count: int  # C
+    labels: Tensor  # cell of each probe, int64, (P,); C for probes of no cell
+    places: Tensor  # probes of each cell side by side, padded with probe 0, int64, (C, M)
+    inside: Tensor  # 0 at padding, else 1, (C, M)
+    sizes: Tensor  # probes of each cell, float64, (C,)
+    used: Tensor  # probes that count, bool, (P,)
+    ordered: bool  # whether the probes already lie so in memory, all cells alike: no copy is needed
 
     @classmethod
     def of(cls, cells: Cells, used: Tensor, device: torch.device) -> Membership:
@@ -80,39 +71,24 @@ class Membership:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Sums of v over S blocks of P columns, float64, and what follows from them over the record.
-
-    Args:
-        blocks: of the record.
-        lines: Hz, (L,), on the host; the first ``harmonics`` of them are those of the tone.
-        harmonics: H.
-        sums: of v times 1, cos and sin of the lines, m/s, (S, 1 + 2 L, P).
-        squares: of v^2, m2/s2, (S, P).
-        peaks: largest |v|, m/s, (S, P).
-        gram: of products of 1, cos and sin, (S, 1 + 2 L, 1 + 2 L), on the host; that of the blocks unless stated.
-    Attributes:
-        waves: sums of 1, cos and sin alone, on the device of the sums, (S, 1 + 2 L).
-        lengths: samples of each block, likewise, (S,).
-        rows: which of the 1 + 2 L rows are 1, cos and sin of the harmonics.
-        mean, mean_square: of v, m/s and m2/s2, (P,).
-        rms: of v with its mean removed, eq. (3.6), m/s, (P,).
-        peak: largest |v|, m/s, (P,).
-    """
+    """Sums of v over S blocks of P columns, float64, and what follows from them over the record."""
 
     blocks: Blocks
-    lines: Tensor
+    lines: Tensor  # Hz, (L,), on the host; the first ``harmonics`` of them, H, are those of the tone
     harmonics: int
-    sums: Tensor
-    squares: Tensor
-    peaks: Tensor
-    gram: Tensor = field(default_factory=lambda: torch.empty(0))
-    waves: Tensor = field(init=False)
-    lengths: Tensor = field(init=False)
-    rows: list[int] = field(init=False)
-    mean: Tensor = field(init=False)
-    mean_square: Tensor = field(init=False)
-    rms: Tensor = field(init=False)
-    peak: Tensor = field(init=False)
+    sums: Tensor  # of v times 1, cos and sin of the lines, m/s, (S, 1 + 2 L, P)
+    squares: Tensor  # of v^2, m2/s2, (S, P)
+    peaks: Tensor  # largest |v|, m/s, (S, P)
+    gram: Tensor = field(
+        default_factory=lambda: torch.empty(0)
+    )  # of 1, cos and sin, (S, 1 + 2 L, 1 + 2 L), on the host
+    waves: Tensor = field(init=False)  # sums of 1, cos and sin alone, on the device of the sums, (S, 1 + 2 L)
+    lengths: Tensor = field(init=False)  # samples of each block, likewise, (S,)
+    rows: list[int] = field(init=False)  # which of the 1 + 2 L rows are 1, cos and sin of the harmonics
+    mean: Tensor = field(init=False)  # of v, m/s, (P,)
+    mean_square: Tensor = field(init=False)  # m2/s2, (P,)
+    rms: Tensor = field(init=False)  # of v with its mean removed, eq. (3.6), m/s, (P,)
+    peak: Tensor = field(init=False)  # largest |v|, m/s, (P,)
 
     def __post_init__(self) -> None:
         gram = self.gram
@@ -166,8 +142,8 @@ class Survey:
         return torch.where(power <= least, torch.nan, coherent.sum(-1) / power.clamp(min=1e-300))
 
     def tone(self, frequency: Tensor, *, every: bool = False, columns: slice = slice(None)) -> Tensor:
-        """Complex peak amplitude of v (as stored, away from the liner) at f, m/s, (B, n, F), its mean taken off: of
-        the record, B = 1, or with ``every`` as ``intervals.replicates``."""
+        """Complex peak amplitude of v as stored at f, m/s, (B, n, F), its mean taken off: of the record, B = 1, or with
+        ``every`` as ``intervals.replicates``."""
         of_v, of_one = self.line_sums(frequency, columns)
         means = partial(replicates, lengths=self.lengths, every=every)
         return 2 * (means(of_v) - means(self.sums[:, 0, columns])[..., None] * means(of_one)[:, None])

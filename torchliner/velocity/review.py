@@ -293,7 +293,7 @@ def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Ten
     for f, (bias, error) in zip(frequency.tolist(), pairs, strict=True):
         if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
             text = (
-                f"{name}: the mean of the probes' admittances is off by {bias.real:+.2g}{bias.imag:+.2g}j in Z at "
-                f"{f:g} Hz, more than its standard error; the interval is without that bias, the value is not"
+                f"{name}: the mean of the probes' admittances is off by about {bias.real:+.2g}{bias.imag:+.2g}j in Z "
+                f"at {f:g} Hz, more than its standard error; the interval is without that bias, the value is not"
             )
             yield Note("biased-mean", text, abs(bias))
