@@ -14,7 +14,6 @@ was turned back by that wavenumber along x which makes the mean largest.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,15 +22,13 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, index_of_frequency
 from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl
-from torchliner.engine.blocks import waves
-from torchliner.engine.intervals import ITSELF, jackknife, replicates
+from torchliner.engine.intervals import ITSELF, jackknife
 from torchliner.engine.moments import Moments
 from torchliner.fluid import Fluid
-from torchliner.pressure.plane_waves import split_waves
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.level_check import UNKNOWN, Gap, LevelCheck, level_check_of
+from torchliner.records.level_check import UNKNOWN, LevelCheck, level_check_of
 from torchliner.records.notes import Note
 from torchliner.tones import segment_amplitudes
 from torchliner.velocity.averages import Averages
@@ -51,26 +48,15 @@ OTHER_TONE = "not checked, since nothing is known at the frequencies asked for"
 
 @dataclass(frozen=True, eq=False)
 class KnownPressure:
-    """Complex peak amplitudes at y = 0, Pa; nan at frequencies where nothing is known.
-
-    Args:
-        fluid, frequency: of the data; Hz, (F,).
-        kind, words: ``incident`` (of the incident wave) or ``wall`` (of the pressure itself); what it is compared with.
-        pressure: of the whole plane and of each cell, (1 + C, F).
-        has_phase: whether the phase is on the clock of the velocity.
-        height: from which the velocity is moved to the wall, m, a number or (1 + C, 1); None where it cannot be: no
-            plane waves.
-        replicates: of a recorded pressure over its value, from all blocks and without each, (B, 1 + C, F), liner first.
-    """
+    """Complex peak amplitudes at y = 0, Pa; nan at frequencies where nothing is known."""
 
     fluid: Fluid
-    frequency: Tensor
-    kind: str
-    words: str
-    pressure: Tensor
-    has_phase: bool = False
-    height: Any = None
-    replicates: Tensor | None = None
+    frequency: Tensor  # Hz, (F,)
+    kind: str  # ``incident`` (of the incident wave) or ``wall`` (of the pressure itself)
+    words: str  # what it is compared with
+    pressure: Tensor  # of the whole plane and of each cell, (1 + C, F)
+    has_phase: bool = False  # whether the phase is on the clock of the velocity
+    height: Any = None  # from which the velocity is moved to the wall, m, a number or (1 + C, 1); None: no plane waves
 
     def ratio(self, z: Tensor, velocity: Tensor) -> Tensor:
         """Implied over known pressure, (..., 1 + C, F), the whole plane first, or of that alone, (..., 1, F): of
@@ -92,12 +78,8 @@ def check_level(
     averaging: str,
     pressure: Any = None,
 ) -> tuple[LevelCheck | None, str, list[Note]]:
-    """Of all averagings, with intervals where these have them; ``averaging``: of the answer.
-
-    Returns:
-        The check, None where nothing is known; ``checked``, or why nothing is; a note for each frequency at which the
-        answer does not pass, with the size of the change of Z that would make it pass.
-    """
+    """Of all averagings, with intervals where these have them, None where nothing is known; ``checked``, or why nothing
+    is; a note for each frequency at which the answer, of ``averaging``, does not pass."""
     known = known_pressure(moments, frequency, pressure)
     if isinstance(known, str):
         return None, known, []
@@ -107,7 +89,7 @@ def check_level(
         ratio = known.ratio(z, velocity[: len(z)])
         ratios.append(ratio[0])
         if each.liner.interval is not None and chosen.interval is not None:
-            change = ratio / ratio[:1] / (1 if known.replicates is None else known.replicates)
+            change = ratio / ratio[:1]
             unknown, lengths = ~torch.isfinite(change.sum(0)), moments.survey.lengths.cpu()
             logarithm = torch.where(unknown, 0, torch.log(torch.where(unknown, 1, change)))
             interval = jackknife(logarithm, lengths / lengths.sum(), chosen.interval, ITSELF)
@@ -115,40 +97,15 @@ def check_level(
     ends = torch.stack(bounds, 1) if len(bounds) == len(ratios) else None
     about = {"averagings": tuple(found), "averaging": averaging, "known": known.words, "kind": known.kind}
     check = level_check_of(torch.stack(ratios), ends, known.has_phase, known.pressure[0], chosen, **about)
-    of_answer = Gap(*(value[check.averagings.index(averaging)] for value in vars(check.liner).values()))
-    sizes = change_that_passes(known, found[averaging].liner.impedance.detach().cpu(), of_answer).abs().tolist()
     texts = [check.sentence(averaging, f, i) for i, f in enumerate(frequency.tolist())]
-    notes = [Note("level-check", f"{name}: {text}", size) for text, size in zip(texts, sizes, strict=True) if text]
-    return check, "checked", notes
-
-
-def change_that_passes(known: KnownPressure, z: Tensor, gap: Gap) -> Tensor:
-    r"""Z' - Z of the whole plane, complex, (F,): Z' gives the known pressure with the velocity as it is.
-
-    The implied pressure goes as :math:`w = (Z + e)/(\cos ky + j Z \sin ky)`, with e = 1 for the incident wave and 0 for
-    the pressure at the wall; it is q times the known one, so that Z' has w/q. Without a known phase that of w is kept.
-
-    Args:
-        z: of the whole plane, (F,).
-        gap: implied over known pressure there, (F,).
-    """
-    angle = 2 * torch.pi * known.frequency / float(known.fluid.sound_speed) * (known.height or 0.0)
-    cosine, sine, end = angle.cos(), angle.sin(), float(known.kind == INCIDENT)
-    q = torch.polar(10 ** (gap.level / 20), torch.deg2rad(gap.phase.nan_to_num(0)))
-    wanted = (z + end) / (cosine + 1j * z * sine) / q
-    return (wanted * cosine - end) / (1 - 1j * wanted * sine) - z
+    return check, "checked", [Note("level-check", f"{name}: {text}") for text in texts if text]
 
 
 def ratio_of_pressures(moments: Moments, known: KnownPressure, *, every: bool = False) -> Callable[[Tensor], Tensor]:
     """Implied over known pressure of the whole plane, complex, as a function of its Z, (..., F); with ``every`` of Z of
     all blocks and without each of them, (B, F). Its phase means something where ``known.has_phase``."""
-    velocity, own = cell_velocity(moments, known)[:, :1], known.replicates
-
-    def ratio(z: Tensor) -> Tensor:
-        found = known.ratio(z[..., None, :], velocity[: len(z)] if every else velocity[0])[..., 0, :]
-        return found / own[: len(z), 0] if every and own is not None else found
-
-    return ratio
+    velocity = cell_velocity(moments, known)[:, :1]
+    return lambda z: known.ratio(z[..., None, :], velocity[: len(z)] if every else velocity[0])[..., 0, :]
 
 
 def cell_velocity(moments: Moments, known: KnownPressure) -> Tensor:
@@ -179,11 +136,8 @@ def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: flo
 def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> KnownPressure | str:
     """What is known of a plane's sound at frequencies in Hz, (F,), or why nothing is compared.
 
-    ``given``: ``PressureRecord`` of the same run (facesheet, or microphones in front of the surface) or
-    ``MicrophoneLine`` along the wall; None: the level that the plane states.
-
-    Raises:
-        TypeError, ValueError: something else is given, or of another case, or what cannot be compared with this plane.
+    ``given``: ``PressureRecord`` of the same run with a facesheet, or ``MicrophoneLine`` along the wall; None: the
+    level that the plane states.
     """
     plane, height = moments.plane, moments.plane.height or 0.0
     if isinstance(given, PressureRecord):
@@ -236,44 +190,22 @@ def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple
 
 
 def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> KnownPressure:
-    """The pressure of the facesheet, or incident plus reflected wave at y = 0 from microphones in front of it."""
-    plane, rate, cells, blocks = moments.plane, record.sampling_rate, moments.cells, moments.survey.blocks
-    after, side, height = plane.start - record.start, plane.source_side, plane.height or 0.0
+    """The pressure of the facesheet."""
+    plane, cells = moments.plane, moments.cells
+    if record.facesheet is None:
+        raise ValueError(f"{record.name} holds no pressure of the facesheet, which a level check needs")
+    after = plane.start - record.start
     same_times = abs(record.duration / plane.duration - 1) < SAME_TIMES and abs(after) < plane.duration
     # A phasor of the record becomes one of the plane.
     turn = 2 * torch.exp(2j * torch.pi * frequency * (after if same_times else 0.0))
-    phase = f"{'with' if same_times else 'without'} phase"
-    if record.facesheet is not None:
-        face = record.facesheet.reshape(record.probes, -1).to(torch.float64)
-        mean, own = face.mean(0, keepdim=True), sort_into_cells(record, moments.cell_pitch)
-        near, places = 0.1 * (moments.cell_pitch or 0.0), ((own.x, cells.x), (own.z, cells.z))
-        same = own.count == cells.count and all(bool(torch.nan_to_num(a - b).abs().max() <= near) for a, b in places)
-        # Where the record's cells are not the plane's, the mean stands for each.
-        signals = torch.cat([mean, own.average(face, own.labels >= 0) if same else mean])
-        peak, left = turn * segment_amplitudes(signals, frequency, rate)[0], None
-        if signals.shape[-1] == plane.samples and abs(rate / plane.sampling_rate - 1) < 1e-9:
-            steady = signals - signals.mean(-1, keepdim=True)
-            pairs = pairwise(blocks.borders)
-            sums = [steady[:, low:high] @ waves(frequency, rate, low, high)[1:].T for low, high in pairs]
-            lines = torch.stack([torch.complex(*each.chunk(2, 1)).conj() for each in sums])
-            left = replicates(lines, blocks.lengths)
-            left = left / left[:1]
-            left = torch.cat([left[:, :1], left[:, 1:].expand(-1, cells.count, -1)], dim=1)
-        words, moved = f"the facesheet's pressure (rho c Z V, {phase})", height if side == "normal" else None
-        peaks = torch.cat([peak[:1], peak[1:].expand(cells.count, -1)])
-        return KnownPressure(plane.fluid, frequency, WALL, words, peaks, same_times, moved, left)
-    if record.microphones is None or len(record.microphones) < 2:
-        raise ValueError(
-            f"{record.name} holds one microphone alone; a level check needs the facesheet's pressure or two microphones"
-        )
-    if side not in ("normal", "unknown"):
-        raise ValueError(
-            f"{record.name}: its microphones stand for a wave at normal incidence, but the sound of {plane.name} comes "
-            f"from {side}; give the facesheet's pressure or microphones along the wall"
-        )
-    amplitude = segment_amplitudes(record.microphones, frequency, rate)[0]
-    speed, mach = record.fluid.sound_speed, record.microphone_mach
-    whole = turn * split_waves(amplitude, record.microphone_y, frequency, speed, mach)[0].sum(0)
-    words = f"the sum of incident and reflected wave from microphones (rho c Z V, {phase})"
-    every = whole.expand(1 + cells.count, -1)
-    return KnownPressure(plane.fluid, frequency, WALL, words, every, same_times, height)
+    face = record.facesheet.reshape(record.probes, -1).to(torch.float64)
+    mean, own = face.mean(0, keepdim=True), sort_into_cells(record, moments.cell_pitch)
+    near, places = 0.1 * (moments.cell_pitch or 0.0), ((own.x, cells.x), (own.z, cells.z))
+    same = own.count == cells.count and all(bool(torch.nan_to_num(a - b).abs().max() <= near) for a, b in places)
+    # Where the record's cells are not the plane's, the mean stands for each.
+    signals = torch.cat([mean, own.average(face, own.labels >= 0) if same else mean])
+    peak = turn * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
+    words = f"the facesheet's pressure (rho c Z V, {'with' if same_times else 'without'} phase)"
+    peaks = torch.cat([peak[:1], peak[1:].expand(cells.count, -1)])
+    moved = plane.height or 0.0 if plane.source_side == "normal" else None
+    return KnownPressure(plane.fluid, frequency, WALL, words, peaks, same_times, moved)
