@@ -87,8 +87,8 @@ ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an 
 NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
 RESULT_WRITERS = {  # beside .h5: functions of a result and a path
     ".csv": "torchliner.io.csv_rows:write_result_csv",
-    ".vtp": "torchliner.io.result_writers:write_vtp",
-    ".vtkhdf": "torchliner.io.result_writers:write_vtkhdf",
+    ".vtp": "torchliner.io.result_writers:write_vtk",
+    ".vtkhdf": "torchliner.io.result_writers:write_vtk",
     ".mat": "torchliner.io.result_writers:write_matlab",
     ".txt": "torchliner.io.result_writers:write_solver_table",
 }

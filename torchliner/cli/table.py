@@ -188,7 +188,7 @@ GROUPS = {
             "",
             Option("map", "map of torchliner educe, of several frequencies", FILE),
             Of("records.impedance_map:ImpedanceMap.time_domain", "poles band averaging"),
-            output("write poles and residues, or the coefficient lists of solvers as .txt,", ".json", ".txt"),
+            output("write poles and residues, as coefficient lists,", ".json"),
         ),
         "run": row(
             "campaign:run",

@@ -7,9 +7,8 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from torchliner.io.own_writer import dims_of, plain
+from torchliner.io.own_writer import dims_of, to_xarray
 from torchliner.io.whole_file import printable, written_whole
-from torchliner.records.declared import flat
 from torchliner.records.outlets import Result
 
 Rows = list[dict[str, Any]]
@@ -24,11 +23,7 @@ def write_result_csv(record: Result, path: str | Path) -> None:
 
 
 def to_dataframe(record: Result, of: str | None = None) -> Any:
-    """The rows of the CSV, or those of another place.
-
-    Raises:
-        ValueError: there are no such rows.
-    """
+    """The rows of the CSV, or those of another place; a ValueError where there are no such rows."""
     import pandas
 
     return pandas.DataFrame(result_rows(record, of))
@@ -47,42 +42,29 @@ def result_rows(record: Result, of: str | None = None) -> Rows:
     """
     if of not in (None, *record.PLACES):
         raise ValueError(f"no rows of {of!r}; there are those of {', '.join(record.PLACES)}")
-    if record.TOGETHER:
-        several = {each: _rows_of(record, each) for each in record.PLACES if of in (None, each)}
-        found = [{"place": each.removesuffix("s"), **row} for each, rows in several.items() for row in rows]
-    else:
-        found = _rows_of(record, of or next(iter(record.PLACES)))
-    return found
+    data = to_xarray(record)
+    if not record.TOGETHER:
+        return _rows_of(data, record, of or next(iter(record.PLACES)))
+    several = {each: _rows_of(data, record, each) for each in record.PLACES if of in (None, each)}
+    return [{"place": each.removesuffix("s"), **row} for each, rows in several.items() for row in rows]
 
 
-def _rows_of(record: Result, of: str) -> Rows:
-    noun, axes, sizes = of.removesuffix("s"), getattr(record, "axes", {}), dict[str, int]()
-    places = dims_of(record.PLACES[of], axes)
-    wanted, found = (*places, "frequency"), dict[str, tuple[list[str], np.ndarray]]()
-    for row, value in flat(record):
-        dims, values = dims_of(row.dims, axes), plain(value)
-        own = [dim for dim in dims if dim != "averaging"]
-        if not own or not {*own} <= {*wanted}:
+def _rows_of(data: Any, record: Result, of: str) -> Rows:
+    noun, places = of.removesuffix("s"), dims_of(record.PLACES[of], getattr(record, "axes", {}))
+    sizes = {dim: data.sizes.get(dim, 1) for dim in (*places, "frequency")}
+    columns: dict[str, list[Any]] = {}
+    for name, each in data.variables.items():
+        own = {*each.dims} - {"averaging"}
+        of_all = own == {"frequency"} and not name.startswith((f"{noun}_", "frequency"))  # not of these places
+        if not own or not own <= {*sizes} or of_all or np.iscomplexobj(each):
             continue
-        if not {*own} & {*places} and not row.names[0].startswith((f"{noun}_", "frequency")):
-            continue
-        sizes |= dict(zip(own, values.shape[len(dims) - len(own) :], strict=True))
-        averagings = record.averagings if own != dims else ()  # type: ignore[attr-defined]  # a map has them
-        for stem, part in zip(row.names, (values.real, values.imag) if len(row.names) > 1 else (values,), strict=True):
-            label = stem.removeprefix(f"{noun}_") + ("" if row.unit == "1" else f" ({row.unit})")
-            several = {f"{label}, {name}": each for name, each in zip(averagings, part, strict=False)} or {label: part}
-            found |= {key: (own, each) for key, each in several.items()}
-    shape = [sizes.get(dim, len(record.frequency) if dim == "frequency" else 1) for dim in wanted]  # type: ignore
-    columns = {key: _spread(values, own, wanted, shape) for key, (own, values) in found.items()}
+        label = name.removeprefix(f"{noun}_") + ("" if (unit := each.attrs.get("units", "1")) == "1" else f" ({unit})")
+        several = {label: each}
+        if "averaging" in each.dims:
+            several = {f"{label}, {one}": each[{"averaging": i}] for i, one in enumerate(data["averaging"].values)}
+        columns |= {key: one.set_dims(sizes).values.ravel().tolist() for key, one in several.items()}
     order = [*(key for key in LEADING if key in columns), *(key for key in columns if key not in LEADING)]
     return [dict(zip(order, row, strict=True)) for row in zip(*(columns[key] for key in order), strict=True)]
-
-
-def _spread(values: np.ndarray, own: Sequence[str], wanted: Sequence[str], shape: Sequence[int]) -> list[Any]:
-    """Values of all rows, of values along some dimensions."""
-    own_shape = [size if dim in own else 1 for dim, size in zip(wanted, shape, strict=True)]
-    flat_values: list[Any] = np.broadcast_to(values.reshape(own_shape), shape).reshape(-1).tolist()
-    return flat_values
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "", end: str = "\r\n") -> None:
@@ -100,24 +82,13 @@ def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str 
 
 def fill_csv(file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "", end: str = "\r\n") -> None:
     """Into what is open, in memory too; arguments as for ``write_rows``."""
+
+    def cell(value: Any) -> Any:
+        if isinstance(value, str):
+            return printable(value)
+        return value if value is None or not number else f"{value:{number}}"
+
     writer = csv.writer(file, lineterminator=end)
     headings = dict.fromkeys(key for row in rows for key in row)
-    writer.writerow(map(text_cell, headings))
-    for row in rows:
-        cells = (row.get(key) for key in headings)
-        writer.writerow(
-            text_cell(each) if isinstance(each, str) else each if each is None or not number else f"{each:{number}}"
-            for each in cells
-        )
-
-
-def text_cell(text: str) -> str:
-    """A text that a spreadsheet takes as text: a formula gets a quote before it."""
-    text = printable(text)
-    if not text.startswith(("=", "+", "-", "@", "\t")):
-        return text
-    try:
-        float(text)
-    except ValueError:
-        return f"'{text}"
-    return text
+    writer.writerow(map(cell, headings))
+    writer.writerows([cell(row.get(key)) for key in headings] for row in rows)

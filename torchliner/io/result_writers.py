@@ -1,68 +1,38 @@
-"""Results for other programs: MATLAB; ParaView and pyvista; solvers that read columns of text, or poles and
-residues."""
+"""Results for other programs: MATLAB, ParaView, solvers that read columns of text, or poles and residues."""
 
-import base64
 import json
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
-import h5py
 import numpy as np
 from torch import Tensor
 
 from torchliner.io.csv_rows import result_rows
-from torchliner.io.hdf5 import text_attribute
-from torchliner.io.own_writer import complex_names, fill, in_memory
+from torchliner.io.own_writer import complex_names, to_xarray
 from torchliner.io.whole_file import printable, written_whole
 from torchliner.liners.multipole import Multipole
 from torchliner.names import __version__, frequency_ends
 
 AT_PLACES = (".vtp", ".vtkhdf")
-MULTIPOLE = "torchliner multipole 1"
 REAL = 1e-8  # relative: an imaginary part below it is rounding
-POLES = """\
-// {title}
-// torchliner {version}; fitted from {low:g} to {high:g} Hz, R within {error:.2g}; stable, |R| <= 1 at every frequency
-// Z = p/(rho c v) and R = (Z - 1)/(Z + 1), v into the wall, s = j omega with exp(+j omega t); in 1/s:
-// constant + sum A/(s + lambda) + sum 1/2 [(B + jC)/(s + alpha + j beta) + (B - jC)/(s + alpha - j beta)]
-"""
-
-
-def require_places(path: str | Path, places: bool) -> None:
-    """Refuse a name in whose format a result without ``places``, x or z, could not be written, also before the work."""
-    ending = Path(path).suffix.lower()
-    if ending in AT_PLACES and not places:
-        raise ValueError(
-            f"{path}: a {ending} needs places and the result has no x or z; state them in the data, or write .csv"
-        )
+FORMULA = (
+    "constant + sum A/(s + lambda) + sum 1/2 [(B + jC)/(s + alpha + j beta) + (B - jC)/(s + alpha - j beta)], "
+    "real_poles: (lambda, A), complex_poles: (alpha, beta, B, C)"
+)
 
 
 def write_matlab(record: Any, path: str | Path) -> None:
-    """One struct ``result`` (MATLAB v5), groups as structs within it, ``choices`` as JSON."""
+    """One struct ``result`` (MATLAB v5) of variables and attributes, ``choices`` as JSON."""
     from scipy.io import savemat
 
-    with in_memory() as (buffer, file):
-        fill(file, record)
-    with h5py.File(buffer) as whole:
-        found = _plain(whole)
+    data = to_xarray(record)
+    data = data.drop_vars([part for both in complex_names(data.variables).values() for part in both])
+    held = dict(data.attrs)
+    for name, each in data.variables.items():
+        held[name] = each.values if each.dtype.kind in "iufc" else each.values.astype(object)  # texts: a cell array
     with written_whole(path, ".mat") as temporary:
-        savemat(str(temporary), {"result": found}, appendmat=False, long_field_names=True, oned_as="column")
-
-
-def _plain(group: h5py.Group) -> dict[str, Any]:
-    """Variables and texts of a group; a real and an imaginary part become one array."""
-    said = {key: text_attribute(group, key) for key in group.attrs if not key.startswith("_")}
-    found: dict[str, Any] = {key: text for key, text in said.items() if text is not None}
-    for name, each in group.items():
-        if isinstance(each, h5py.Group):
-            found[name] = _plain(each)
-        elif "units" in each.attrs or each.dtype.kind == "O":  # not the length of a dimension alone
-            texts = h5py.check_string_dtype(each.dtype)
-            found[name] = np.array(each.asstr()[()], dtype=object) if texts else each[()]
-    for name, (real, imaginary) in complex_names(found).items():
-        found[name] = found.pop(real) + 1j * found.pop(imaginary)
-    return found
+        savemat(str(temporary), {"result": held}, appendmat=False, long_field_names=True, oned_as="column")
 
 
 def write_solver_table(record: Any, path: str | Path) -> None:
@@ -84,7 +54,16 @@ def write_solver_table(record: Any, path: str | Path) -> None:
 # For ParaView and pyvista, values over (x, z)
 
 
-def write_vtkhdf(record: Any, path: str | Path) -> None:
+def require_places(path: str | Path, places: bool) -> None:
+    """Refuse a name in whose format a result without ``places``, x or z, could not be written, also before the work."""
+    ending = Path(path).suffix.lower()
+    if ending in AT_PLACES and not places:
+        raise ValueError(
+            f"{path}: a {ending} needs places and the result has no x or z; state them in the data, or write .csv"
+        )
+
+
+def write_vtk(record: Any, path: str | Path) -> None:
     """The rows of the CSV at their places, as points, with quadrilaterals where probes are (z, x).
 
     Lengths in m; ``height`` of a plane is y; a coordinate that is unknown is 0. Each column is an
@@ -93,71 +72,34 @@ def write_vtkhdf(record: Any, path: str | Path) -> None:
     Raises:
         ValueError: no place has a coordinate.
     """
-    places, fields, corners = _at_places(record, path)
-    kind = "Vertices" if corners.shape[1] == 1 else "Polygons"
-    with written_whole(path, ".vtkhdf") as temporary, h5py.File(temporary, "w") as file:
-        root = file.create_group("VTKHDF", track_order=True)
-        root.attrs["Version"], root.attrs["Type"] = (2, 0), np.bytes_("PolyData")
-        root["NumberOfPoints"], root["Points"] = [len(places)], places
-        for name in ("Vertices", "Lines", "Polygons", "Strips"):
-            own = corners if name == kind else corners[:0]
-            part = root.create_group(name)
-            part["NumberOfCells"], part["NumberOfConnectivityIds"] = [len(own)], [own.size]
-            part["Connectivity"], part["Offsets"] = own.reshape(-1), own.shape[1] * np.arange(len(own) + 1)
-        for label, values in fields.items():
-            root[f"PointData/{label}"] = values
+    import pyvista
 
-
-def write_vtp(record: Any, path: str | Path) -> None:
-    """The same in VTK's XML."""
-    places, fields, corners = _at_places(record, path)
-    kind = "Verts" if corners.shape[1] == 1 else "Polys"
-    offsets = corners.shape[1] * np.arange(1, len(corners) + 1)
-    cells = {"connectivity": corners.reshape(-1), "offsets": offsets}
-    lines = ['<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64"><PolyData>']
-    lines.append(f'<Piece NumberOfPoints="{len(places)}" NumberOf{kind}="{len(corners)}">')
-    for part, arrays in {"PointData": fields, "Points": {"Points": places}, kind: cells}.items():
-        lines += [f"<{part}>", *(_array(name, values) for name, values in arrays.items()), f"</{part}>"]
-    with written_whole(path, ".vtp") as temporary:
-        temporary.write_text("\n".join([*lines, "</Piece></PolyData></VTKFile>\n"]), encoding="utf-8")
-
-
-def _array(name: str, values: np.ndarray) -> str:
-    """One array, in base64 behind its length in bytes."""
-    kind = "Int64" if values.dtype.kind == "i" else "Float64"
-    raw = values.astype("<i8" if kind == "Int64" else "<f8").tobytes()
-    text = base64.b64encode(np.uint64(len(raw)).astype("<u8").tobytes() + raw).decode("ascii")
-    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
-    return f'<DataArray type="{kind}" Name={quoteattr(name)}{width} format="binary">{text}</DataArray>'
-
-
-def _at_places(record: Any, path: str | Path) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
-    """Places, m, (P, 3), the columns of the CSV there, and the corners of the cells: of quadrilaterals between probes
-    (z, x), (C, 4), else a vertex each place, (P, 1)."""
     rows = result_rows(record)
     frequencies = list(dict.fromkeys(row["frequency (Hz)"] for row in rows))
     unknown = {"x (m)": np.nan, "y (m)": getattr(record, "height", None) or 0.0, "z (m)": np.nan}
     places = np.array([[row.get(axis, unknown[axis]) for axis in unknown] for row in rows[:: len(frequencies)]])
     require_places(path, bool(np.isfinite(places[:, (0, 2)]).any()))
-    fields: dict[str, np.ndarray] = {}
+    number, kind = np.arange(len(places))[:, None], "verts"
+    if getattr(record, "axes", {}).get("probes") == ("z", "x") and min(record.mean_velocity.shape) > 1:
+        at, kind = number.reshape(record.mean_velocity.shape), "faces"
+        number = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], -1).reshape(-1, 4)
+    mesh = pyvista.PolyData(np.nan_to_num(places), **{kind: np.insert(number, 0, number.shape[1], axis=1)})
     for heading, first in rows[0].items():
         if "(m)" not in heading and "(Hz)" not in heading and not isinstance(first, str):
             name = heading.split(" (")[0].replace(" ", "_").replace(",", "")
             values = np.array([row[heading] for row in rows], dtype=np.float64)
-            ends = frequency_ends(frequencies)
-            fields |= {name + end: values[i :: len(frequencies)] for i, end in enumerate(ends)}
-    number = np.arange(len(places))[:, None]
-    if getattr(record, "axes", {}).get("probes") == ("z", "x") and min(record.mean_velocity.shape) > 1:
-        at = number.reshape(record.mean_velocity.shape)
-        number = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], -1).reshape(-1, 4)
-    return np.nan_to_num(places), fields, number
+            for i, end in enumerate(frequency_ends(frequencies)):
+                mesh.point_data[name + end] = values[i :: len(frequencies)]
+    with written_whole(path, *AT_PLACES) as temporary, TemporaryDirectory() as folder:
+        mesh.save(named := Path(folder) / f"mesh{Path(path).suffix.lower()}")
+        temporary.write_bytes(named.read_bytes())
 
 
-# Poles and residues, as JSON or as the coefficient lists that solvers in the time domain take
+# Poles and residues, for solvers in the time domain
 
 
 def coefficients_of(poles: Tensor, residues: Tensor) -> dict[str, list[list[float]]]:
-    """Real poles as (lambda, A), conjugate pairs as (alpha, beta, B, C), all in 1/s; see ``POLES``."""
+    """Real poles as (lambda, A), conjugate pairs as (alpha, beta, B, C), all in 1/s; see ``plain_multipole``."""
     real, pairs = [], []
     for p, r in zip(poles.tolist(), residues.tolist(), strict=True):
         if abs(p.imag) <= REAL * abs(p):
@@ -170,9 +112,10 @@ def coefficients_of(poles: Tensor, residues: Tensor) -> dict[str, list[list[floa
 def plain_multipole(model: Multipole) -> dict[str, Any]:
     """What is written as JSON."""
     return {
-        "schema": MULTIPOLE,
+        "schema": "torchliner multipole 1",
         "version": __version__,
-        "convention": "Z = p/(rho c v), R = (Z - 1)/(Z + 1), exp(+j omega t), v into the wall, 1/s",
+        "convention": "Z = p/(rho c v), R = (Z - 1)/(Z + 1), s = j omega with exp(+j omega t), v into the wall, 1/s",
+        "formula": FORMULA,
         "band": list(model.band),
         "error": model.error,
         "correction": model.correction,
@@ -183,26 +126,6 @@ def plain_multipole(model: Multipole) -> dict[str, Any]:
 
 
 def write_multipole(model: Multipole, path: str | Path) -> None:
-    """Write one file: ``.json``, or ``.txt`` with the lists of R and of the admittance as dictionaries of OpenFOAM.
-
-    Raises:
-        ValueError, OSError: as ``written_whole``.
-    """
-    plain = plain_multipole(model)
-    with written_whole(path, ".json", ".txt") as temporary:
-        if Path(path).suffix.lower() == ".json":
-            temporary.write_text(json.dumps(plain, indent=1), encoding="utf-8")
-            return
-        title = printable(str(model.about.get("source", ""))) or "impedance as poles and residues"
-        low, high = model.band
-        text = POLES.format(title=title, version=__version__, low=low, high=high, error=model.error)
-        parts = [_dictionary(name, plain[name]) for name in ("reflection", "admittance")]
-        temporary.write_text("\n".join([text, *parts]), encoding="utf-8")
-
-
-def _dictionary(name: str, held: dict[str, Any]) -> str:
-    lines = [name, "{", f"    constant      {held['constant']:.17g};"]
-    for key, rows in (("realPoles", held["real_poles"]), ("complexPoles", held["complex_poles"])):
-        numbers = [f"        ({' '.join(f'{value:.17g}' for value in row)})" for row in rows]
-        lines += [f"    {key}", "    (", *numbers, "    );"]
-    return "\n".join([*lines, "}", ""])
+    """Write one file, ``.json``; ValueError, OSError as of ``written_whole``."""
+    with written_whole(path, ".json") as temporary:
+        temporary.write_text(json.dumps(plain_multipole(model), indent=1), encoding="utf-8")

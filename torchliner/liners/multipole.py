@@ -93,7 +93,7 @@ class Multipole:
         return torch.from_numpy(found.real.copy())
 
     def write(self, path: str | Path) -> None:
-        """Write ``.json``, or the coefficient lists of solvers as ``.txt`` (docs/results.md)."""
+        """Write ``.json`` (docs/results.md)."""
         resolve("torchliner.io.result_writers:write_multipole")(self, path)
 
     def __repr__(self) -> str:
