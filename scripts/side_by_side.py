@@ -191,7 +191,6 @@ def cavities(world: World, liner: Any, hydrodynamic: np.ndarray) -> tl.PressureR
         x=world.x,
         cavity_depth=liner.cavity_depth,
         cavity_porosity=liner.open_area_fraction,
-        probe_cell=np.arange(len(world.x)),
         cavity_hydraulic_radius=liner.cavity_hydraulic_radius,
         frequency=FREQUENCY,
         name="simulated cavities",
@@ -213,8 +212,8 @@ def by_cavities(world: World, record: tl.PressureRecord) -> tuple[Rows, Any]:
         parts = []
         for some in (slice(block * samples, (block + 1) * samples) for block in range(BLOCKS)):
             part = replace(stated, facesheet=record.facesheet[..., some], backplate=record.backplate[..., some])
-            parts.append(complex(tl.in_situ(part, losses=losses).liner_impedance[0]))
-        z = complex(every[label].liner_impedance[0])
+            parts.append(complex(tl.in_situ(part, losses=losses).answer[0]))
+        z = complex(every[label].answer[0])
         wide = 2.36 / math.sqrt(BLOCKS) * complex(np.std(np.real(parts), ddof=1), np.std(np.imag(parts), ddof=1))
         rows.append(world.row(label, z, z - wide, z + wide))
     return rows, every["in situ, with losses"]
@@ -233,7 +232,7 @@ def by_microphones(world: World) -> Rows:
 
 def profile(world: World, by_plane: tl.ImpedanceMap, by_cavity: Any) -> Rows:
     """Z along the liner: what it is, and what the local methods say."""
-    local = by_plane.impedance[:, 0], by_cavity.point_impedance[:, 0]
+    local = by_plane.impedance[:, 0], by_cavity.points.impedance[:, 0]
     columns = {"x (m)": world.x, **dict(zip(SHOWN, (world.impedance, *local), strict=True))}
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     return [Row(turbulence=world.name, source=world.side, **dict(zip(columns, row, strict=True))) for row in rows]

@@ -58,7 +58,7 @@ def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list
     several = planes_of(case) if planes is None else planes
     rows = [row for plane in several for row in validate(plane, liner_of(case))]
     found = tl.in_situ(tl.read_pressure(DATA / f"pressure_{case}.h5"), allow_short=True)
-    dean = complex(found.liner_impedance_pressure_first[0])
+    dean = complex(found.liner["pressure-first"].impedance[0])
     return [Row(row, in_situ=dean) for row in rows]
 
 

@@ -31,7 +31,6 @@ FLUID = tl.Fluid(343.2, 1.21, 1.8e-5, 1.4, 0.7)
 FACTS = {"height": 1e-3, "mach": 0.3, "incident_level": 145.0, "source_side": "upstream", "fluid": FLUID}
 PRESSURES = {
     "line": {},
-    "numbered cells": {"cell_pitch": None, "probe_cell": [0, 0, 0, 1, 1, -1]},
     "one backplate": {"backplate": turbulence((SAMPLES,), seed=4)},
     "backplate like the facesheet": {"backplate": turbulence((6, SAMPLES), seed=4)},
     "surface": {"facesheet": turbulence((2, 3, SAMPLES)), "x": [0.0, 1.0, 2.0], "z": [0.0, 1.0]},
@@ -470,11 +469,7 @@ def faulty(label, value):
         ({"microphone_mach": float("nan")}, ValueError, "microphone_mach is nan; (-1, 1)"),
         ({"microphone_y": None}, ValueError, "microphone_y is missing, the distances"),
         ({"microphones": None}, ValueError, "microphones have no pressure"),
-        ({"probe_cell": [0, 1]}, ValueError, "probe_cell has 2 values"),
-        ({"probe_cell": [0, 0, 0, 2, 2, 2]}, ValueError, "0, 1, 2, ... without gaps"),
-        ({"probe_cell": [-1] * 6}, ValueError, "probe_cell has 6 values, [-1]"),
         ({"facesheet": torch.zeros(6, SAMPLES, dtype=torch.int32)}, TypeError, "facesheet is torch.int32"),
-        ({"probe_cell": [0.0] * 6}, TypeError, "whole numbers are needed"),
         ({"cavity_depth": "38 mm"}, TypeError, "cavity_depth is '38 mm'; one number"),
         (faulty("facesheet", float("nan")), ValueError, "facesheet is nan Pa at 1, 7"),
         (faulty("backplate", float("inf")), ValueError, "backplate is inf Pa at 1, 7"),

@@ -65,11 +65,10 @@ def hand_map():
 
 def points():
     found = made()
-    known, each = (found.cell_x, found.cell_z), found.cells["admittance"].impedance
-    liner = found.liner["admittance"].impedance
-    return tl.PointImpedances(
-        "in situ", found.frequency, *known, each, each, liner, liner, torch.ones(each.shape), *known, each
-    )
+    known, (each, liner) = (found.cell_x, found.cell_z), (found.cells["admittance"], found.liner["admittance"])
+    ways = [dict.fromkeys(("admittance", "pressure-first"), one) for one in (each, liner)]
+    coherence = torch.ones(each.reflection.shape)
+    return tl.PointImpedances("in situ", found.frequency, *known, *ways, coherence, *known, Educed(each.reflection))
 
 
 @cache

@@ -45,7 +45,7 @@ def test_local_methods_return_the_wall(world):
     with_losses = next(row for row in rows if row.method == "in situ, with losses")
     assert abs(with_losses.error.real) < 1e-3
     assert abs(with_losses.error.imag) < 1e-3
-    assert np.abs(found.point_impedance[:, 0].numpy() - world.impedance).max() < 5e-3
+    assert np.abs(found.points.impedance[:, 0].numpy() - world.impedance).max() < 5e-3
 
 
 @pytest.mark.parametrize("facility", FIGURE.FACILITIES, ids=lambda f: f.preset)

@@ -5,7 +5,7 @@ import torchliner as tl
 warnings.simplefilter("ignore", tl.DataWarning)
 record: tl.PressureRecord = tl.read_pressure("data/pressure_n130.h5")
 found: tl.PointImpedances = tl.in_situ(record)
-print(found.liner_impedance_pressure_first, tl.decompose_waves(record).impedance)
+print(found.liner["pressure-first"].impedance, tl.decompose_waves(record).impedance)
 found.write("points.h5")
 print(tl.read_points("points.h5").at)
 

@@ -27,7 +27,7 @@ for column, case, head in zip(rows.T, cases, heads, strict=True):
             axis.plot(plane.x * 1e3, part, f"C{heights.index(y)}", label=f"$y$ = {y:g} mm")
     cells = tl.in_situ(tl.read_pressure(data / f"pressure_{case.split('_', 1)[1]}.h5"))
     for axis, part in zip(column, ("real", "imag"), strict=True):
-        values = getattr(cells.cell_impedance[:, 0], part)
+        values = getattr(cells.cells["admittance"].impedance[:, 0], part)
         axis.plot(cells.cell_x * 1e3, values, "kX", label="in situ, cells")
     column[0].set_title(head, loc="left")
     column[1].set_xlabel("$x$ (mm)")

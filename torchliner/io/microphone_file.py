@@ -68,8 +68,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
         shape = () if known["facesheet"] is None else known["facesheet"].shape[:-1]
         known |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
         known["title"] = text_attribute(file, "title") or path.stem
-        cells = get_field(file, "probe_cell", path).values() if is_there(file, "probe_cell", path) else None
-        made: PressureRecord = take(file, PressureRecord, path, {**known, "probe_cell": cells})
+        made: PressureRecord = take(file, PressureRecord, path, known)
         return made
 
 

@@ -64,7 +64,7 @@ def require_places(path: str | Path, places: bool) -> None:
 
 
 def write_vtk(record: Any, path: str | Path) -> None:
-    """The rows of the CSV at their places, as points, with quadrilaterals where probes are (z, x).
+    """The rows of the usual places, as points, with quadrilaterals where probes are (z, x).
 
     Lengths in m; ``height`` of a plane is y; a coordinate that is unknown is 0. Each column is an
     array, with several frequencies one each ("resistance_1400Hz").
@@ -74,7 +74,7 @@ def write_vtk(record: Any, path: str | Path) -> None:
     """
     import pyvista
 
-    rows = result_rows(record)
+    rows = result_rows(record, next(iter(record.PLACES)))
     frequencies = list(dict.fromkeys(row["frequency (Hz)"] for row in rows))
     unknown = {"x (m)": np.nan, "y (m)": getattr(record, "height", None) or 0.0, "z (m)": np.nan}
     places = np.array([[row.get(axis, unknown[axis]) for axis in unknown] for row in rows[:: len(frequencies)]])
@@ -83,7 +83,8 @@ def write_vtk(record: Any, path: str | Path) -> None:
     if getattr(record, "axes", {}).get("probes") == ("z", "x") and min(record.mean_velocity.shape) > 1:
         at, kind = number.reshape(record.mean_velocity.shape), "faces"
         number = np.stack([at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]], -1).reshape(-1, 4)
-    mesh = pyvista.PolyData(np.nan_to_num(places), **{kind: np.insert(number, 0, number.shape[1], axis=1)})
+    cells: Any = {kind: np.insert(number, 0, number.shape[1], axis=1)}
+    mesh = pyvista.PolyData(np.nan_to_num(places), **cells)
     for heading, first in rows[0].items():
         if "(m)" not in heading and "(Hz)" not in heading and not isinstance(first, str):
             name = heading.split(" (")[0].replace(" ", "_").replace(",", "")

@@ -19,12 +19,12 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
-from torchliner.conversions import impedance_from_admittance
+from torchliner.conversions import impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.intervals import ITSELF, Conversion
 from torchliner.liners.plates import cavity_propagation
 from torchliner.names import LOSSES
 from torchliner.pressure.tones import Parts, Tones
-from torchliner.records import ImpedanceMap, PointImpedances, PointUncertainty, PressureRecord, VelocityPlane
+from torchliner.records import Educed, ImpedanceMap, Interval, PointImpedances, PressureRecord, VelocityPlane
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
@@ -38,7 +38,7 @@ LOW_COHERENCE = 0.5
 NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
 LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
 SAME_DURATION = 0.01  # relative, of record and plane; warned of beyond
-ENDS = ("", "_pressure_first")  # of the names of impedances
+ORDERS = ("admittance", "pressure-first")  # of averaging
 
 
 def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "none", **cut: Any) -> PointImpedances:
@@ -79,10 +79,10 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
         face, velocity = cells.average(face, used), cells.average(velocity, used)
         # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
         ways = {
-            "cells": (admittance, FROM_ADMITTANCE),
-            "liner": (admittance.mean(-2), FROM_ADMITTANCE),
-            "cells_pressure_first": (parts.h1(velocity, face), ITSELF),
-            "liner_pressure_first": (parts.h1(velocity.mean(-2), face.mean(-2)), ITSELF),
+            "cells admittance": (admittance, FROM_ADMITTANCE),
+            "liner admittance": (admittance.mean(-2), FROM_ADMITTANCE),
+            "cells pressure-first": (parts.h1(velocity, face), ITSELF),
+            "liner pressure-first": (parts.h1(velocity.mean(-2), face.mean(-2)), ITSELF),
         }
         made.append((parts, ways))
         coherence, segments = _coherence(tones, hertz, rows, parts)
@@ -90,16 +90,19 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
         counts.append(segments)
     found, known, blocks = tones.results(made)
     coherence, segments = torch.cat(coherences, -1), min(filter(None, counts), default=0)
-    settings = {"level": tones.interval, "resampled": "time", "blocks": blocks}
-    uncertainty = PointUncertainty(**known, settings=settings) if known else None
     notes += _notes(record, float(tones.frequency.max()), coherence, segments)
-    notes += tones.few_blocks_notes("in situ", known.get("liner"))
+    notes += tones.few_blocks_notes("in situ", known.get("liner admittance"))
     tell([str(note) for note in notes])
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
     x, z = (unknown if values is None else values for values in record.probe_coordinates())
     choices = {"method": "in situ", "losses": losses, **tones.choices, "source": record.name}
     choices |= {key: getattr(record, key) for key in ("cavity_depth", "cavity_porosity")}
-    choices |= {"coherence_segments": segments, **origin_of([("in situ", record.name)])}
+    choices |= {"coherence_segments": segments, "interval": tones.interval, "blocks": blocks}
+    choices |= origin_of([("in situ", record.name)])
+
+    def educed(z: Tensor, interval: Interval | None = None) -> Educed:
+        return Educed(reflection_from_impedance(z), interval)
+
     return PointImpedances(
         name="in situ (Dean)",
         frequency=tones.frequency,
@@ -108,12 +111,11 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
         coherence=coherence,
         point_x=x,
         point_z=z,
-        point_impedance=torch.cat(points, -1),
+        points=educed(torch.cat(points, -1)),
+        cells={name: educed(found[f"cells {name}"], known.get(f"cells {name}")) for name in ORDERS},
+        liner={name: educed(found[f"liner {name}"], known.get(f"liner {name}")) for name in ORDERS},
         choices=choices,
         notes=tuple(notes),
-        uncertainty=uncertainty,
-        **{f"cell_impedance{end}": found[f"cells{end}"] for end in ENDS},
-        **{f"liner_impedance{end}": found[f"liner{end}"] for end in ENDS},
     )
 
 
@@ -179,19 +181,11 @@ def _pressures(tones: Tones, frequency: Tensor, rows: Tensor) -> Parts:
 def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
     """The cells, and which row of the backplate belongs to each probe, (P,), -1 for none."""
     cells, rows = sort_into_cells(record, record.cell_pitch), math.prod(record.backplate.shape[:-1])
-    none = torch.zeros(record.probes, dtype=torch.bool)
-    if record.probe_cell is not None:
-        labels = record.probe_cell.reshape(-1)
-        none = labels < 0
-        unplaced = torch.full((int(labels.max()) + 1,), torch.nan, dtype=torch.float64)
-        cells = Cells(labels, unplaced, unplaced)
-        centres = [unplaced if x is None else cells.average(x, ~none, 0) for x in record.probe_coordinates()]
-        cells = Cells(labels, *centres)
     row_of = {record.probes: torch.arange(record.probes), cells.count: cells.labels, 1: torch.zeros_like(cells.labels)}
     if rows not in row_of:
-        there = f"{cells.count} cells (cell_pitch, probe_cell), {record.probes} facesheet probes"
+        there = f"{cells.count} cells (cell_pitch), {record.probes} facesheet probes"
         raise ValueError(f"{record.name}: backplate has {rows} rows, for {there}; give one for all, or one for each")
-    return cells, torch.where(none, -1, row_of[rows])
+    return cells, row_of[rows]
 
 
 def _coherence(tones: Tones, frequency: Tensor, rows: Tensor, parts: Parts) -> tuple[Tensor, int]:

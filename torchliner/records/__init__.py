@@ -1,7 +1,7 @@
 """The records everything passes through."""
 
 from torchliner.records.burst_record import BurstRecord
-from torchliner.records.educed import Educed, Interval, PointImpedances, PointUncertainty
+from torchliner.records.educed import Educed, Interval, PointImpedances
 from torchliner.records.impedance_line import ImpedanceLine, LineAverage
 from torchliner.records.impedance_map import ImpedanceMap
 from torchliner.records.level_check import Gap, LevelCheck
@@ -22,7 +22,6 @@ __all__ = [
     "LineAverage",
     "MicrophoneLine",
     "PointImpedances",
-    "PointUncertainty",
     "PressureRecord",
     "StoredVelocity",
     "VelocityPlane",

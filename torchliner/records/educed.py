@@ -111,58 +111,69 @@ class Educed:
         return cls(torch.stack([each.reflection for each in several]), Interval(*bounds) if intervals else None)
 
 
-CELL = ("cell", "frequency")
-OVER_POINTS, FIRST = "from the admittance averaged over points", "pressure averaged first"
+class Averaged(Result):
+    """A result with Z of the whole liner in several averagings, by name; ``averaging`` is the one to quote."""
+
+    liner: Mapping[str, Educed]
+    averaging: str
+    choices: Mapping[str, Any]
+
+    @property
+    def averagings(self) -> tuple[str, ...]:
+        """Those that it holds."""
+        return tuple(self.liner)
+
+    @property
+    def answer(self) -> Tensor:
+        """Z of the whole liner in the averaging that was chosen, (F,): the value to quote."""
+        return self.liner[self.averaging].impedance
+
+    @property
+    def level(self) -> float | None:
+        """Of the statistical intervals, 0 to 1; None without any."""
+        return None if self.liner[self.averaging].interval is None else self.choices.get("interval")
+
+    def bounds_of_liner(self, averaging: str = "", index: int = 0) -> tuple[complex, complex] | None:
+        """Of the statistical interval at one frequency, None without any; default in the averaging chosen."""
+        interval = self.liner[averaging or self.averaging].interval
+        return None if interval is None else interval.bounds(index)
+
+    def _answer(self) -> Any:
+        return self.answer, self.liner[self.averaging].interval, self.level
 
 
 @record
-class PointUncertainty:
-    """Statistical intervals of ``PointImpedances``, in both orders of averaging.
-
-    Args:
-        settings: level, what was resampled, blocks.
-    """
-
-    cells: Interval = part("cell_", "cell", "frequency", text="of each cell")
-    cells_pressure_first: Interval = part("cell_pressure_first_", "cell", "frequency", text="of each cell, likewise")
-    liner: Interval = part("liner_", "frequency", text="of the whole surface")
-    liner_pressure_first: Interval = part("liner_pressure_first_", "frequency", text="of the whole surface, likewise")
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-
-@record
-class PointImpedances(Result):
+class PointImpedances(Averaged):
     """What stands beside an educed map: impedances by a method that replays nothing.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner; nan where a point belongs to no cell.
 
     Args:
         name: of the method, for legends and tables.
+        cells, liner: by averaging: ``admittance`` over points, ``pressure-first``.
         choices: every option.
         notes: warnings, with numbers.
-        uncertainty: statistical intervals, because the record is finite; None without any.
     """
 
     name: str
     frequency: Tensor = var("frequency", unit="Hz", text="frequency of the tone")
     cell_x: Tensor = var("cell", unit="m", text="streamwise coordinate of a cell, nan where unknown")
     cell_z: Tensor = var("cell", unit="m", text="spanwise coordinate of a cell, likewise")
-    cell_impedance: Tensor = var(*CELL, name="cell_{}", wide=True, text=f"of each cell, {OVER_POINTS}")
-    cell_impedance_pressure_first: Tensor = var(
-        *CELL, name="cell_{}_pressure_first", wide=True, text=f"of each cell, {FIRST}"
+    cells: Mapping[str, Educed] = part("cell_", "averaging", "cell", "frequency", text="of each cell", by="averagings")
+    liner: Mapping[str, Educed] = part("liner_", "averaging", "frequency", text="of the whole liner", by="averagings")
+    coherence: Tensor = var(
+        "cell", "frequency", text="squared coherence of the two pressures, mean over the points of a cell"
     )
-    liner_impedance: Tensor = var("frequency", name="liner_{}", wide=True, text=f"of the whole surface, {OVER_POINTS}")
-    liner_impedance_pressure_first: Tensor = var(
-        "frequency", name="liner_{}_pressure_first", wide=True, text=f"of the whole surface, {FIRST}"
-    )
-    coherence: Tensor = var(*CELL, text="squared coherence of the two pressures, mean over the points of a cell")
     point_x: Tensor = var("point", unit="m", text="streamwise coordinate of a point, nan where unknown")
     point_z: Tensor = var("point", unit="m", text="spanwise coordinate of a point, likewise")
-    point_impedance: Tensor = var("point", "frequency", name="point_{}", wide=True, text="at each point")
+    points: Educed = part("point_", "point", "frequency", text="at each point")
     choices: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[Note | str, ...] = ()
-    uncertainty: PointUncertainty | None = part(default=None)
+    averaging: str = "admittance"
 
+    DERIVED: ClassVar = (
+        Variable("averagings", dims=("averaging",), kind="text", name="averaging", text="averaging over the points"),
+    )
     SCHEMA: ClassVar = "torchliner points 1"
     PLACES: ClassVar = {"points": ("point",), "cells": ("cell",), "liners": ()}
     TOGETHER: ClassVar = True
@@ -170,21 +181,6 @@ class PointImpedances(Result):
     def __post_init__(self) -> None:
         require_shapes(flat(self, derived=False), self.name)
 
-    @property
-    def answer(self) -> Tensor:
-        """Z of the whole surface from the admittance averaged over points, (F,)."""
-        return self.liner_impedance
-
-    def bounds_of_liner(self, order: str = "", index: int = 0) -> tuple[complex, complex] | None:
-        """Of the whole surface's statistical interval at one frequency; None without any. ``order``: "" for the
-        admittance averaged over points, "_pressure_first"."""
-        known = self.uncertainty
-        return None if known is None else getattr(known, f"liner{order}").bounds(index)
-
     def at(self, frequency: float) -> int | None:
         """Index of a frequency (Hz), None if it is not among these."""
         return index_of_frequency(self.frequency, frequency)
-
-    def _answer(self) -> Any:
-        known = self.uncertainty
-        return (self.answer, None, None) if known is None else (self.answer, known.liner, known.settings.get("level"))

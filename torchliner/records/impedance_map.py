@@ -14,15 +14,15 @@ from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import AVERAGINGS, resolve
 from torchliner.records.case import Found, probe_axes
 from torchliner.records.declared import Variable, part, record, var
-from torchliner.records.educed import Educed, PointImpedances
+from torchliner.records.educed import Averaged, Educed, PointImpedances
 from torchliner.records.level_check import LevelCheck, LevelMatched
-from torchliner.records.outlets import DrawnAtFrequency, Result
+from torchliner.records.outlets import DrawnAtFrequency
 
 FULL = ("probes", "frequency")
 
 
 @record
-class ImpedanceMap(DrawnAtFrequency, Result, Found):
+class ImpedanceMap(DrawnAtFrequency, Averaged, Found):
     """Educed impedance of every probe, cell and the whole liner, with all choices that led to it.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. ``probes``, ``cells`` and ``liner`` hold
@@ -84,27 +84,6 @@ class ImpedanceMap(DrawnAtFrequency, Result, Found):
     def axes(self) -> dict[str, tuple[str, ...]]:
         """Dimensions of its file."""
         return {**probe_axes(tuple(self.mean_velocity.shape)), "places": ("cell",)}
-
-    @property
-    def averagings(self) -> tuple[str, ...]:
-        """Those that the map holds."""
-        return tuple(self.liner)
-
-    @property
-    def answer(self) -> Tensor:
-        """Z of the whole liner in the averaging that was chosen, (F,): the value to quote."""
-        return self.liner[self.averaging].impedance
-
-    @property
-    def level(self) -> float | None:
-        """Of the statistical intervals, 0 to 1; None without any."""
-        return self.choices.get("interval") if self.liner[self.averaging].interval is not None else None
-
-    def bounds_of_liner(self, averaging: str, index: int = 0) -> tuple[complex, complex] | None:
-        """Of the statistical interval at one frequency; None without any."""
-        require_choice("averaging", averaging, self.averagings)
-        interval = self.liner[averaging].interval
-        return None if interval is None else interval.bounds(index)
 
     @property
     def tone(self) -> int | None:
@@ -173,6 +152,3 @@ class ImpedanceMap(DrawnAtFrequency, Result, Found):
     def with_alongside(self, *others: PointImpedances) -> ImpedanceMap:
         """The same map with the results of other methods beside it, for files and figures."""
         return replace(self, alongside=(*self.alongside, *others))
-
-    def _answer(self) -> Any:
-        return self.answer, self.liner[self.averaging].interval, self.level

@@ -1,12 +1,8 @@
 """Pressure in: on the facesheet, at the cavity bottom, along a line of microphones."""
 
-import math
 from dataclasses import KW_ONLY
 from typing import Any, ClassVar
 
-import torch
-
-from torchliner.checks import plain_array
 from torchliner.records.burst_record import AWAY
 from torchliner.records.case import AtProbes, finite_places, signal_tensor
 from torchliner.records.declared import record, table_of, var
@@ -21,8 +17,8 @@ class PressureRecord(Written, AtProbes):
     """Pressures around a liner on one time base, for the in situ method and for microphones.
 
     Facesheet and backplate go together; a record may hold them, microphones, or both. The facesheet's probe axes are
-    (z, x), (x) or (probe). The backplate is (T,), one for all probes, (C, T), one per cell by the numbers of
-    ``probe_cell``, else in rising z, then x, or of the facesheet's shape, one per probe.
+    (z, x), (x) or (probe). The backplate is (T,), one for all probes, (C, T), one per cell
+    in rising z, then x, or of the facesheet's shape, one per probe.
 
     Raises:
         TypeError, ValueError: a signal is missing or not real floating point; a shape or a value that no record has.
@@ -39,7 +35,6 @@ class PressureRecord(Written, AtProbes):
     cavity_porosity: float = var(range="(0, 1]", text="share of the surface that is cavity", default=1.0)
     cavity_hydraulic_radius: float | None = var(unit="m", range="(0, inf)", text="of it, for losses", default=None)
     cell_pitch: float | None = var(unit="m", range="(0, inf)", text="sorts probes into cells", default=None)
-    probe_cell: Any = var("facesheet", text="cell of each probe instead, from 0, -1 for none", default=None)
     microphones: Any = var(
         *MICROPHONES, unit="Pa", range=LARGEST, name="microphone_pressure", text="along a line", default=None
     )
@@ -79,9 +74,6 @@ class PressureRecord(Written, AtProbes):
             raise ValueError(f"{self.name}: {why}")
         if places is not None:
             object.__setattr__(self, "microphone_y", finite_places(places, "microphone_y", self.name))
-        if self.probe_cell is not None:
-            shape = () if face is None else face.shape[:-1]
-            object.__setattr__(self, "probe_cell", _cells(self.probe_cell, shape, self.name))
         self._check(sound[0] if face is None else face)
 
     @property
@@ -97,18 +89,3 @@ SIGNALS = {
     row.field: row.unit
     for row in table_of(PressureRecord, "facesheet", "backplate", "microphones", "microphone_velocity")
 }
-
-
-def _cells(values: Any, shape: tuple[int, ...], name: str) -> torch.Tensor:
-    """Number of the cell of each probe, int64, in the shape of these."""
-    labels, probes = torch.as_tensor(plain_array(values, f"{name}: probe_cell")), math.prod(shape)
-    if labels.is_floating_point() or labels.is_complex():
-        raise TypeError(f"{name}: probe_cell is {labels.dtype}; whole numbers are needed")
-    labels = labels.to(torch.int64).reshape(-1)
-    known = torch.unique(labels[labels != -1])
-    if len(labels) != probes or not len(known) or not torch.equal(known, torch.arange(len(known))):
-        raise ValueError(
-            f"{name}: probe_cell has {len(labels)} values, {torch.unique(labels).tolist()}; the {probes} probes need "
-            "one each, cells being numbered 0, 1, 2, ... without gaps and -1 standing for no cell"
-        )
-    return labels.reshape(shape)

@@ -27,7 +27,7 @@ from torchliner.report.table import Row
 from torchliner.studies.variants import rows_of
 from torchliner.velocity.reading import time_moments
 
-ORDERS = (("", "admittance over points"), ("_pressure_first", "pressure first"))  # of averaging, in situ
+ORDERS = {"admittance": "admittance over points", "pressure-first": "pressure first"}  # of averaging, in situ
 ASIDE = 0.3  # mm, between markers at one cell
 VELOCITIES = {
     "v0 (m/s)": "$v_0$ (m s$^{-1}$)",
@@ -61,7 +61,7 @@ def _interval_along_x(result: ImpedanceMap, points: int) -> Interval | None:
 
 def points_along_x(found: PointImpedances, frequency_index: int = 0) -> list[Row]:
     """Z of another method along x: the admittance averaged over equal x."""
-    value = found.point_impedance[:, frequency_index]
+    value = found.points.impedance[:, frequency_index]
     known = torch.isfinite(value.real)
     place = found.point_x[known] if bool(torch.isfinite(found.point_x).all()) else None
     x, average = over_z(place, 1 / value[known])
@@ -200,9 +200,9 @@ def _cells(result: ImpedanceMap, averaging: str, index: int, aside: float, style
 def _cells_of_points(found: PointImpedances, index: int, label: str) -> list[Row]:
     """Cell values of another method, filled: admittance over points; open and larger: pressure first."""
     return [
-        {"x": 1e3 * found.cell_x, "y": getattr(found, f"cell_impedance{end}")[:, index]}
+        {"x": 1e3 * found.cell_x, "y": found.cells[name].impedance[:, index]}
         | look.dots("k", "X", f"{label}{order}", markerfacecolor=face, zorder=9 - 0.1 * size, markersize=size)
-        for (end, order), face, size in zip(ORDERS, ("k", "white"), (5, 8), strict=True)
+        for (name, order), face, size in zip(ORDERS.items(), ("k", "white"), (5, 8), strict=True)
     ]
 
 

@@ -115,9 +115,8 @@ def of_stations(*stations: Station) -> Answer:
 
 def of_points(found: PointImpedances) -> Answer:
     """Of impedances at points and cells, as an in situ measurement gives them."""
-    level = None if found.uncertainty is None else float(found.uncertainty.settings["level"])
-    words, at = impedance_words(complex(found.answer[0]), found.bounds_of_liner(), level), found.frequency.tolist()
-    several_points = int(torch.isfinite(found.point_impedance[:, 0].real).sum()) > 1
+    words = impedance_words(complex(found.answer[0]), found.bounds_of_liner(), found.level)
+    at, several_points = found.frequency.tolist(), int(torch.isfinite(found.points.resistance[:, 0]).sum()) > 1
     return Answer(
         title=f"Impedances: {found.name}",
         lines=[f"{words} in units of ρc at {one_of(at)}, whole surface ({found.name}, admittance over points)."],
@@ -139,17 +138,15 @@ def point_rows(found: PointImpedances) -> list[Row]:
     x = [f", x = {1e3 * at:.1f} mm" if at == at else "" for at in found.cell_x.tolist()]
     names = [f"cell {c}{at}" for c, at in enumerate(x, 1)]
     rows, mean = list[Row](), found.coherence.mean(0, keepdim=True)
-    for end, order in ORDERS:
-        ends: dict[str, Any] = {"low": None, "high": None}
-        if found.uncertainty is not None:
-            surface, cells = (getattr(found.uncertainty, f"{name}{end}") for name in ("liner", "cells"))
-            ends = {e: torch.cat([getattr(surface, e)[None], getattr(cells, e)]) for e in ends}
-        z = torch.cat([getattr(found, f"liner_impedance{end}")[None], getattr(found, f"cell_impedance{end}")])
+    for name, order in ORDERS.items():
+        surface, cells = found.liner[name].map(lambda value: value[None]), found.cells[name]
+        bounded = surface.interval is not None
+        ends = {e: torch.cat([getattr(surface, e), getattr(cells, e)]) if bounded else None for e in ("low", "high")}
         rows += rows_of(
             place=np.array(["surface", *names], object)[:, None],
             order=order,
             frequency=found.frequency,
-            impedance=z,
+            impedance=torch.cat([surface.impedance, cells.impedance]),
             **ends,
             coherence=torch.cat([mean, found.coherence]),
         )

@@ -97,9 +97,9 @@ def map_rows(result: ImpedanceMap) -> list[Row]:
             names = ("impedance", "low", "high", "share")
             rows.append(about | {"averaging": MATCHED} | {name: getattr(matched, name)[i].tolist() for name in names})
         its = {
-            f"{other.name}, {order}": other.bounds_of_liner(end, f)
+            f"{other.name}, {order}": other.bounds_of_liner(each, f)
             for other, f in curves.alongside_at([result], i)
-            for end, order in curves.ORDERS
+            for each, order in curves.ORDERS.items()
         }
         for name, z in studies.known_of([result], i).items():
             low, high = its.get(name) or (None, None)

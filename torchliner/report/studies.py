@@ -190,7 +190,7 @@ def known_of(results: Sequence[ImpedanceMap], index: int) -> dict[str, complex]:
     """References of the file, at its tone, other methods, Goodrich."""
     found = references_of(results, index)
     for other, f in alongside_at(results, index):
-        found |= {f"{other.name}, {word}": complex(getattr(other, f"liner_impedance{end}")[f]) for end, word in ORDERS}
+        found |= {f"{other.name}, {word}": complex(other.liner[each].impedance[f]) for each, word in ORDERS.items()}
     return found
 
 
