@@ -42,7 +42,7 @@ GROUPS: dict[str, tuple[str, str]] = {
     "Duct": (
         "Sound in a lined duct with flow: dispersion relation, modes, linearised Euler equations.",
         "load_duct DuctSolver solve_settled duct_modes impedance_from_wavenumber "
-        "wavenumber_from_impedance TanhProfile displacement_thickness",
+        "wavenumber_from_impedance TanhProfile TabulatedProfile",
     ),
     "Incident wave alone": (
         "No velocity measured: a wave of a stated level drives the liner.",

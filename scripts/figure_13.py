@@ -55,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for label, side, z in walls[name]:
             setup = tl.load_duct(name, source_side=side)
             field = tl.DuctSolver(setup.case, setup.frequency).solve(z)
-            x, at = np.linspace(setup.case.start, setup.case.end, FINE), setup.places
+            x, at = np.linspace(setup.case.start, setup.case.end, FINE), setup.microphones
             curve, pressure = (field.wall_pressure(each, setup.wall)[0].detach() for each in (x, at))
             waves.append((label, (x, curve), at, pressure))
             heard = zip(at, spl_from_pressure_amplitude(pressure), pressure.angle().rad2deg(), strict=True)

@@ -49,8 +49,9 @@ DARK = dict(zip(SIDES, fig.COLOURS, strict=False))
 
 def world(side: str, length: float = 0.15, **changes: Any) -> tuple[DuctSetup, tl.DuctSolver, tl.MicrophoneLine]:
     """The B2A preset with another liner, its solver, and its field at microphones over the liner alone."""
-    places = {"start": -BEYOND, "end": length + BEYOND, "first": STEP / 2, "last": length - STEP / 2}
-    setup = tl.load_duct("b2a", source_side=side, liner=[(0.0, length)], **places, **changes)
+    x = STEP / 2 + STEP * np.arange(round((length - STEP / 2 - STEP / 2) / STEP) + 1)
+    about = {"liner": [(0.0, length)], "start": -BEYOND, "end": length + BEYOND, "x": x}
+    setup = tl.load_duct("b2a", source_side=side, **about, **changes)
     solver = tl.DuctSolver(setup.case, setup.frequency)
     return setup, solver, setup.line_of(solver.solve(setup.impedance))
 

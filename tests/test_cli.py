@@ -159,7 +159,7 @@ JSON = {  # words, and the same in Python: of the plane at 2.5 mm and of its lin
         tl.duct_modes(
             (setup := tl.load_duct("b2a", frequency=[1400.0])).case.profile,
             setup.frequency,
-            setup.first_wall,
+            setup.impedance[..., 0],
             direction="downstream",
             count=4,
             slip_condition=setup.case.slip_condition,

@@ -291,7 +291,7 @@ def test_thin_layers_tend_to_ingard_and_myers(direction):
     errors = {}
     for condition in ("ingard-myers", VELOCITY):
         for shear in (0.04, 0.02, 0.01):
-            thin = TanhProfile(0.3, HEIGHT, shear, SPEED, allow_thin=True)
+            thin = TanhProfile(0.3, HEIGHT, shear, SPEED)
             plug = UniformProfile(thin.centreline_mach, HEIGHT, SPEED)
             about = {"count": 1, "direction": direction, "slip_condition": condition}
             found, limit = (duct_modes(flow, 1500.0, B2A, **about) for flow in (thin, plug))

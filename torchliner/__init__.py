@@ -38,7 +38,7 @@ _NAMES = {  # module: public names that live in it
     "pressure.two_waves": "two_wave_fit",
     "pressure.fit_field": "fit_field",
     "duct.dispersion": "impedance_from_wavenumber wavenumber_from_impedance",
-    "duct.flow_profiles": "TanhProfile displacement_thickness",
+    "duct.flow_profiles": "TanhProfile TabulatedProfile",
     "duct.presets": "load_duct",
     "duct.solver": "DuctSolver",
     "duct.settled": "solve_settled",

@@ -24,8 +24,8 @@ from torchliner.conversions import impedance_from_reflection as impedance_from_r
 from torchliner.conversions import reflection_from_impedance as reflection_from_impedance
 from torchliner.duct.dispersion import impedance_from_wavenumber as impedance_from_wavenumber
 from torchliner.duct.dispersion import wavenumber_from_impedance as wavenumber_from_impedance
+from torchliner.duct.flow_profiles import TabulatedProfile as TabulatedProfile
 from torchliner.duct.flow_profiles import TanhProfile as TanhProfile
-from torchliner.duct.flow_profiles import displacement_thickness as displacement_thickness
 from torchliner.duct.modes import duct_modes as duct_modes
 from torchliner.duct.presets import load_duct as load_duct
 from torchliner.duct.settled import solve_settled as solve_settled

@@ -10,7 +10,7 @@ setup.line_of(settled).report("duct.html")  # loss, energy, levels along the wal
 
 flow = tl.TanhProfile(0.3, 0.05)  # bulk Mach number, height of the duct in m
 y = torch.linspace(0, 0.025, 201, dtype=torch.float64)  # to the middle of the duct
-print(flow.displacement_thickness, tl.displacement_thickness(y, flow.velocity(y)))
+print(flow.displacement_thickness, tl.TabulatedProfile(y, flow.velocity(y), 0.05).displacement_thickness)
 print(tl.duct_modes(flow, 1500.0, 2.33 - 0.30j, count=2).wavenumber)  # 1/m
 
 alpha = tl.wavenumber_from_impedance(torch.tensor(2.33 - 0.30j), 1500.0, height=0.05, mach=0.3)

@@ -103,7 +103,7 @@ def solve(options: argparse.Namespace) -> None:
         write_text(duct_text(options.duct), options.copy, anew=True)
         return
     setup = _setup(options)
-    about: dict[str, Any] = {"places": setup.places, "wall": setup.wall}
+    about: dict[str, Any] = {"places": setup.microphones, "wall": setup.wall}
     if options.mesh is not None:
         cell, wall_cell = (*options.mesh, None)[:2]
         about["mesh"] = build_mesh(
@@ -115,9 +115,9 @@ def solve(options: argparse.Namespace) -> None:
             draw_field(setup, field, options.field.with_stem(options.field.stem + end), i)
 
     def write(path: Path) -> None:
-        tables = (setup.facts["flow"]["file"], setup.facts["sound"]["impedance_file"])
-        beside = [("table", Path(options.duct).parent / name) for name in tables if name is not None]
-        files = [("duct", options.duct), ("liner", options.liner or ""), *beside]
+        files = [("duct", options.duct), ("liner", options.liner or "")]
+        if table := setup.facts["flow"]["file"]:
+            files.append(("table", Path(options.duct).parent / table))
         setup.line_of(field, **origin_of(files, command=options.typed)).write(path)
 
     show(options, setup.line_of(field), write)
@@ -126,7 +126,8 @@ def solve(options: argparse.Namespace) -> None:
 def modes(options: argparse.Namespace) -> None:
     """Wavenumbers of a lined duct with flow, both directions."""
     setup = _setup(options)
-    profile, f, wall = setup.case.profile, setup.frequency, setup.first_wall
+    profile, f = setup.case.profile, setup.frequency
+    wall = setup.impedance[..., 0] if setup.case.liner else torch.inf
     about = {"count": options.count, "slip_condition": setup.case.slip_condition}
     found = {each: tl.duct_modes(profile, f, wall, direction=each, **about) for each in names.DIRECTIONS}
     show(options, of_modes(setup, found))
@@ -143,8 +144,7 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
     if model.fluid is not None:
         tell(gas_warnings(model.fluid, setup.fluid, f"duct {setup.name}"))
     walls = model.impedance(setup.frequency, options.speed)[:, None].expand(-1, len(setup.case.liner))
-    sound = setup.facts["sound"] | {"impedance": None, "impedance_file": None}
-    sound |= {"liner": options.liner, "speed": options.speed}
+    sound = setup.facts["sound"] | {"impedance": None, "liner": options.liner, "speed": options.speed}
     return replace(setup, impedance=walls, facts={**setup.facts, "sound": sound})
 
 

@@ -90,7 +90,6 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
         Option("--bulk-mach", "Mach number of the flow; default: the duct's", NUMBER, to="chosen"),
         Option("--profile", "of the flow; default: the duct's", names.FLOW_PROFILES, to="chosen"),
         Option("--shear", "of --profile tanh, half heights; default: the duct's", NUMBER, to="chosen"),
-        Option("--allow-thin", "take a shear below 0.03 too, to study it", to="chosen"),
         Option("--impedance", "R+Xj or rigid, one a lined patch; default: the duct's", WALL, "+", to="chosen"),
     ),
     "fit": (
