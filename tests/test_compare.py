@@ -1,5 +1,6 @@
 """Differences of two maps, models compared on one plane, and the nearest of the shipped reference cases."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -10,7 +11,7 @@ from conftest import DATA, plane_of, turbulence
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.names import AVERAGINGS
-from torchliner.studies.validation import distance_of, factors_of, nearest_case, reference_cases, setting_of
+from torchliner.studies.validation import distances_of, nearest_case, reference_cases, setting_of
 from torchliner.studies.variants import Row
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -25,46 +26,27 @@ def made(seed=0, rms=3.0, tones=(1400.0,), count=6, **choices):
     return tl.educe(plane, liner, list(tones), averaging="admittance", **choices)
 
 
-def test_the_difference_and_its_interval_of_independent_records():
-    """Second less first; the middle is that of the intervals, squares of half-widths add."""
+def test_the_difference_and_its_interval():
+    """Second less first; half-widths add, whatever the two records share."""
     a, b = made(0), made(1)
     found = tl.compare(a, b)
-    assert not found.same_run
     assert [row.place for row in found.rows] == ["liner", *(f"cell {i}" for i in range(a.cell_x.numel()))]
     row = found.rows[0]
     assert row.difference == complex(b.answer[0] - a.answer[0])
     (a_low, a_high), (b_low, b_high) = (each.bounds_of_liner("admittance") for each in (a, b))
-    half = ((a_high - a_low).real ** 2 + (b_high - b_low).real ** 2) ** 0.5 / 2
-    assert (row.high - row.low).real / 2 == pytest.approx(half, rel=1e-12)
-    middle = (b_low + b_high - a_low - a_high) / 2
-    assert (row.low + row.high) / 2 == pytest.approx(middle, rel=1e-12)
+    assert (row.low, row.high) == (b_low - a_high, b_high - a_low)
     back = tl.compare(b, a).rows[0]
-    assert back.difference == -row.difference
-    assert (back.low, back.high) == pytest.approx((-row.high, -row.low), rel=1e-12)
+    assert (back.difference, back.low, back.high) == (-row.difference, -row.high, -row.low)
 
 
-def test_one_run_is_seen_and_bounded_from_above():
-    again = made(0, rms=3.0, drive="rms")
-    found = tl.compare(made(0), again)
-    assert found.same_run
-    assert "upper bound" in found.words
-    widths = [high - low for low, high in (each.bounds_of_liner("admittance") for each in (made(0), again))]
-    assert found.rows[0].high - found.rows[0].low == pytest.approx(sum(widths), rel=1e-12)
-    case = {"data": {"case": "n130"}}
-    one, other = (replace(each, choices={**each.choices, **case}) for each in (made(0), made(1)))
-    assert tl.compare(one, other).same_run  # two heights of a run
-
-
-@pytest.mark.parametrize("same", [False, True])
-def test_what_a_record_does_not_bound_has_no_bounded_difference(same):
+def test_what_a_record_does_not_bound_has_no_bounded_difference():
     """inf - inf is no number; the difference is unbounded, and shows nothing."""
-    first, second = made(0), made(0 if same else 1)
+    first, second = made(0), made(1)
     known = first.liner["admittance"]
     endless = torch.full_like(known.low, complex(torch.inf, torch.inf))
     open_ended = replace(known, interval=replace(known.interval, low=-endless, high=endless))
     first = replace(first, liner={**first.liner, "admittance": open_ended})
     for found in (tl.compare(first, second), tl.compare(second, first)):
-        assert found.same_run is same
         row = found.rows[0]
         assert (row.low.real, row.low.imag) == (-torch.inf, -torch.inf)
         assert (row.high.real, row.high.imag) == (torch.inf, torch.inf)
@@ -75,19 +57,6 @@ def test_what_a_record_does_not_bound_has_no_bounded_difference(same):
 def test_louder_turbulence_differs_clearly_and_the_same_flow_does_not():
     assert "R" in tl.compare(made(0), made(1, rms=6.0)).rows[0].differs_in
     assert tl.compare(made(0), made(1)).rows[0].differs_in == ""
-
-
-@pytest.mark.slow
-def test_the_interval_of_two_records_covers():
-    """40 pairs of one flow: 0 lies within the interval of R in 93 to 97 %, within what 40 tell."""
-    inside = sum("R" not in tl.compare(made(2 * n), made(2 * n + 1)).rows[0].differs_in for n in range(40))
-    assert inside >= 33
-
-
-def test_frequencies_are_matched_by_value():
-    two, turned = made(tones=(1400.0, 1000.0)), made(1, tones=(1000.0, 1400.0))
-    rows = {row.frequency: row for row in tl.compare(two, turned).rows if row.place == "liner"}
-    assert rows[1400.0].second == complex(turned.answer[1])
 
 
 @pytest.mark.parametrize(
@@ -105,9 +74,7 @@ def test_what_cannot_be_compared_is_refused_with_the_remedy(other, message):
 
 def test_averagings_must_be_held_by_both():
     other = replace(made(1), averaging="velocity")
-    with pytest.raises(ValueError, match="'admittance' and 'velocity'"):
-        tl.compare(made(0), other)
-    assert tl.compare(made(0), other, "velocity").averaging == "velocity"
+    assert [tl.compare(made(0), other, each).averaging for each in (None, "velocity")] == ["admittance", "velocity"]
     with pytest.raises(ValueError, match="averaging 'phase-locked'"):
         tl.compare(made(0), made(1), "phase-locked")
     moved = replace(made(0), cell_x=made(0).cell_x + 1e-3)
@@ -190,25 +157,18 @@ def test_moments_serve_as_well(tmp_path):
     found, direct = tl.compare_models(known, liners), tl.compare_models(plane, liners)
     for one, other in zip(found.rows, direct.rows, strict=True):
         assert abs(one.impedance - other.impedance) < 1e-5
-    with pytest.raises(ValueError, match=r"reduced for cells of 12.45 mm, and the liner.s are of 5 mm"):
-        tl.compare_models(known, liners, cell_pitch=5e-3)
 
 
 @pytest.mark.filterwarnings("always::torchliner.DataWarning")
-def test_cells_belong_to_the_data():
+def test_cells_are_one_for_all_models():
     liners = {name: tl.load_liner(name) for name in ("onera", "lbm_orifice", "mesh_example")}
-    for plane, options, words in (
-        (noisy(), {}, r"cells are of 12.44 mm for all models; as files: .*4.428"),
-        (noisy(), {"cell_pitch": 3e-3}, r"cells are of 3 mm"),
-        (tl.read_plane(PLANE), {}, r"cells are of 12.45 mm"),
-    ):
+    for plane, words in ((noisy(), r"cells are of 12.44 mm"), (tl.read_plane(PLANE), r"cells are of 12.45 mm")):
         with pytest.warns(tl.DataWarning, match=words):
-            found = tl.compare_models(plane, liners, **options)
-        if options:
-            alone = tl.educe(noisy(), liners["onera"].replace(**options))
-            (mine,) = found.of(model="onera")
-            assert mine.impedance == pytest.approx(complex(alone.answer[0]), abs=1e-9)
-    assert liners["onera"].cell_pitch == 12.44e-3
+            (mine,) = tl.compare_models(plane, liners).of(model="lbm_orifice")
+        pitch = 12.44e-3 if plane.liner is None else 12.45e-3
+        alone = tl.educe(plane, liners["lbm_orifice"].replace(cell_pitch=pitch))
+        assert mine.impedance == pytest.approx(complex(alone.answer[0]), abs=1e-6)
+    assert liners["lbm_orifice"].cell_pitch == 4.428e-3
 
 
 @pytest.mark.parametrize("reduced", [False, True])
@@ -261,7 +221,7 @@ def test_the_shipped_table_has_every_case_and_averaging():
     ],
 )
 def test_the_nearest_is_by_speed_mach_and_hole(change, case):
-    assert f"case, {case} (" in nearest_case(map_like(**change))
+    assert f"case, {case}:" in nearest_case(map_like(**change))
 
 
 @pytest.mark.parametrize("change", [{}, {"speed": 8.0}, {"mach": None}, {"mach": 0.5, "speed": 0.09}])
@@ -271,10 +231,9 @@ def test_of_what_is_not_near_nothing_is_said(change):
 
 def test_porosity_counts_as_the_speed_does():
     """Half the open area is twice the velocity in the holes."""
-    assert factors_of(HOLE, Row(HOLE, porosity=0.029)) == pytest.approx([0.5, 0.5])
-    assert distance_of(HOLE, HOLE) == 0
-    assert distance_of(HOLE, Row(HOLE, hole="slit")) == 1
-    assert distance_of(HOLE, Row(HOLE, mach=0.3)) == pytest.approx(3)
+    half = math.log(2)
+    for change, wanted in (({"porosity": 0.029}, [half, half, 0, 0, 0]), ({"hole": "slit"}, [0, 0, 0, 1, 0])):
+        assert distances_of(HOLE, Row(HOLE, **change)) == pytest.approx(wanted)
 
 
 def test_a_grazing_tone_is_not_averaged_away(liner):
@@ -287,7 +246,6 @@ def test_a_grazing_tone_is_not_averaged_away(liner):
         assert setting_of(found).speed == pytest.approx(speed, abs=0.02)
 
 
-@pytest.mark.parametrize("command", ["educe", "audit"])
-def test_commands_print_it(command, capsys):
-    assert main([command, str(DATA / "slit_n130_y2.5mm.h5"), "--quiet", "--verbose"]) == 0
-    assert "in the nearest reference case, n130 (0.26 m/s at the tone" in capsys.readouterr().out
+def test_the_command_prints_it(capsys):
+    assert main(["educe", str(DATA / "slit_n130_y2.5mm.h5"), "--quiet"]) == 0
+    assert "Model error in the nearest reference case, n130: R came out 0.18 for 0.17" in capsys.readouterr().out

@@ -30,7 +30,7 @@ CURVE = "curve"
 
 def audit(options: argparse.Namespace) -> None:
     """How far each open choice moves the impedance."""
-    records = read_records(options.planes, options)
+    records = read_planes(options.planes, options)
     liner = only_liner(options, records, options.planes)
     with progress_bar(samples_of(records), options) as step:
         found = tl.audit(records, liner, options.frequency, progress=step, **options.chosen)
@@ -42,8 +42,7 @@ def height(options: argparse.Namespace) -> None:
     records = read_records(options.planes, options)
     liner = only_liner(options, records, options.planes)
     with progress_bar(len(records), options, "height") as step:
-        limits = {"limits": options.limits} if options.limits else {}
-        found = study_heights(records, liner, options.frequency, progress=step, **limits, **options.chosen)
+        found = study_heights(records, liner, options.frequency, progress=step, **options.chosen)
     show(options, found, draw=answer_of(found).write_pictures)
 
 

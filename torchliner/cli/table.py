@@ -56,8 +56,6 @@ GROUPS = {
         "height": row(
             "studies:height",
             "planes liner one-tone rows figures",
-            Option("--limits", "of modulation, averagings, change; default 0.1 0.1 0.1", NUMBER, 3),
-            Of("studies.heights:study_heights", "cell_pitch"),
             choices("averaging phase drive mean missing allow_short wall_filter"),
         ),
         "compare": row(
@@ -71,7 +69,6 @@ GROUPS = {
             "studies:compare_models",
             "plane tone rows figure educed",
             Option("--liner", "preset, .toml, .csv or .py file; twice or more", NAME, many=True, required=True),
-            Of("studies.compare:compare_models", "cell_pitch"),
         ),
         "validate": row("studies:validate", "planes liner rows"),
     },

@@ -44,7 +44,7 @@ def of_maps(*results: ImpedanceMap) -> Answer:
     shown = "run,frequency,averaging,impedance,interval,level check,share"
     lines = [f"Level check: {one.level_check_words}." for one in results]
     if not several:
-        near = nearest_case(first, main, brief=True)
+        near = nearest_case(first, main)
         lines = [_line(first, main), *([near] if near else []), level_line(first, main)]
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
@@ -57,7 +57,6 @@ def of_maps(*results: ImpedanceMap) -> Answer:
         caption="Z = R + jX of the whole liner over ρc, by averaging, beside what is known from elsewhere; the "
         f"interval is {STATISTICAL}; the spread is that over probes, no uncertainty.",
         grids=[Grid(f"cells{i or ''}", "Each cell.", table_of(_cells(one), CELLS)) for i, one in enumerate(results)],
-        remarks=[*dict.fromkeys(filter(None, map(nearest_case, results)))],
         notes=[
             note for one in results for notes in (one.notes, *(each.notes for each in one.alongside)) for note in notes
         ],

@@ -1,6 +1,5 @@
 """The answers of studies: audit, comparison, models, sensitivities, heights, levels, fits, validation."""
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -46,7 +45,7 @@ def of_audit(found: Study) -> Answer:
         table=table_of(rows, shown),
         brief=table_of([row for row in found.rows if row is worst[row.factor]], shown),
         caption="Every variant and how far it moves Z.",
-        remarks=[*skipped, *([found.nearest_case] if found.nearest_case else [])],
+        remarks=skipped,
         notes=found.notes,
         step="".join(f"state which {r.factor} you take, and why: it moves Z most" for r in found.rows[:1]),
         pictures=[Picture("audit", words, partial(studies.draw_audit, found), lambda: found.rows)],
@@ -132,7 +131,7 @@ def of_heights(study: Study) -> Answer:
     """Z over height by averaging, what else speaks of a height, and which one to take."""
     brief = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
     checks = "".join(f",level_check.{name}" for name in study.rows[0].level_check)
-    more, lines, remarks = ",coherence,velocity_rms,modulation", list[str](), list[str]()
+    more, lines = ",coherence,velocity_rms,modulation", list[str]()
     for name, height in study.heights.items():
         at = "no height qualifies" if height is None else f"y = {1e3 * height:.3g} mm is the lowest that qualifies"
         lines.append(f"{name}: {at}")
@@ -141,9 +140,6 @@ def of_heights(study: Study) -> Answer:
     step = "no plane of these will do: calibrate the liner, give a run without sound, or take other heights"
     if study.height is not None:
         step = f"torchliner educe with the plane at y = {1e3 * study.height:.3g} mm"
-    if study.decay is not None:
-        sound = "" if study.pitch is None else f" (sound: {1e3 * study.pitch / (2 * math.pi):.3g} mm)"
-        remarks.append(f"cell-periodic modulation: exp(-y/l), l = {1e3 * study.decay:.3g} mm{sound}")
     drawn = [Row(row, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()]
     hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
     title = f"{study.title}{hard}, {study.frequency:g} Hz"
@@ -153,11 +149,11 @@ def of_heights(study: Study) -> Answer:
     return Answer(
         title=f"Heights: {study.title}, {study.frequency:g} Hz",
         lines=lines,
-        table=table_of(study.rows, f"{brief}{checks}{more},between,drift"),
+        table=table_of(study.rows, f"{brief}{checks}{more},drift"),
         brief=table_of(study.rows, brief + (checks or more)),
         caption="Each height, whole plane.",
         grids=[Grid("judged", "Level check in dB, all else a share of 1.", judged)],
-        remarks=[*remarks, *(f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items())],
+        remarks=[f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items()],
         notes=study.notes,
         step=step,
         pictures=[Picture("heights", f"{study.title}: Z over height", draw, lambda: study.rows)],

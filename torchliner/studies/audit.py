@@ -3,9 +3,9 @@
 Each factor is a function that makes variants of the base, or says why there is none.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -20,16 +20,13 @@ from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readin
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
 from torchliner.records.case import planes_by_height
-from torchliner.studies.validation import nearest_case
 from torchliner.studies.variants import (
-    Records,
     Row,
     Study,
     Variant,
     evaluate,
     every_second,
     of_blocks,
-    plane_of,
     read_again,
     read_for,
 )
@@ -39,14 +36,12 @@ from torchliner.velocity.reading import Progress
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 
 PSI_STEPS = 72  # of the incident wave, over one turn of 2 psi
-LENGTHS = (0.25, 0.5)  # of a cell
 CONTRACTION_COEFFICIENTS = (0.75, 0.8, 0.85)
 KERNELS = {"two-sided": "", "causal": ", the paper to the letter"}
-Factor = Callable[[Variant, Tensor], Iterator[Variant]]  # variants of a base at a frequency, Hz, (1,)
 
 
 def audit(
-    planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
+    planes: VelocityPlane | Sequence[VelocityPlane],
     liner: Liner,
     frequency: float | None = None,
     *,
@@ -58,46 +53,32 @@ def audit(
 
     Args:
         planes: the plane, or several of one case, of which the first is audited and the others are its other heights.
-            What ``Moments`` do not hold is left out, with the reason.
         liner, progress: as for ``educe``.
         frequency: Hz, one; default the plane's own tone.
         averaging: one of ``names.AVERAGINGS``.
         choices: of the base, see ``torchliner.velocity.choices.Choices``; its phase rule is ``averaged``.
     Returns:
         title, frequency (Hz), averaging; base (Z of the whole liner), low, high, level (its interval; None without
-        one), level_check (dB), level_check_words, choices, notes, nearest_case; skipped (factors that cannot be varied
-        with these data, and why). ``rows``, the factor that moves Z most first: factor, variant, impedance, change (off
-        the base), level_check.
+        one), level_check (dB), level_check_words, choices, notes; skipped (factors that cannot be varied with these
+        data, and why). ``rows``, the factor that moves Z most first: factor, variant, impedance, change (off the base),
+        level_check.
     Raises:
-        ValueError: as ``educe``; several frequencies; a choice that an audit varies itself.
+        ValueError: as ``educe``; several frequencies; planes of several cases.
     """
-    several = [planes] if isinstance(planes, Records) else list(planes)
-    if len(several) > 1:
-        planes_by_height([plane_of(each) for each in several])
-    record, model, plane = several[0], as_liner(liner), plane_of(several[0])
+    plane, *above = [planes] if isinstance(planes, VelocityPlane) else planes
+    if above:
+        planes_by_height([plane, *above])
     require_choice("averaging", averaging, AVERAGINGS)
-    if choices.get("phase") is not None:
-        raise ValueError("phase cannot be chosen for an audit, which varies it from a base of the phase averaged")
-    asked, chosen, nodes = plane.asked(frequency), Choices(**choices), None
+    model, asked, chosen = as_liner(liner), plane.asked(frequency), Choices(**choices)
     if len(asked) != 1:
         raise ValueError(f"an audit has one frequency; {len(asked)} are given")
     others, skipped = _other_liners(model)
-    if isinstance(record, Moments):
-        chosen, known = dataclasses.replace(chosen, averaging=record.settings["averaging"]), record
-        require_choice(
-            f"averaging of moments reduced with {chosen.averaging!r}:", averaging, COMPUTED[chosen.averaging]
-        )
-    else:
-        turns = (2 * float(asked[0]), plane.sampling_rate / 2)
-        known, nodes = read_for(record, [model, *others.values()], asked, chosen, turns, progress)
+    turns = (2 * float(asked[0]), plane.sampling_rate / 2)
+    known, nodes = read_for(plane, [model, *others.values()], asked, chosen, turns, progress)
     with torch.no_grad():
         found = answer(known, model, asked, fitting(known, model, asked, chosen))
     z = complex(found.liner[averaging].impedance[0])
-    if not math.isfinite(abs(z)):
-        raise ValueError(
-            f"{plane.name}: the base has no admittance: every probe counts as wall; lower or leave out wall_filter"
-        )
-    base = Variant({}, known, model, averaging, dataclasses.replace(chosen, interval=None))
+    base = Variant({}, known, model, averaging, replace(chosen, interval=None))
     variants = [_vary(base, *labels, liner=other) for labels, other in others.items()]
     for factor, make in FACTORS.items():
         try:
@@ -106,17 +87,14 @@ def audit(
             skipped[factor] = str(reason)
     rest = [name for name in COMPUTED[chosen.averaging] if name != averaging]
     variants += [_vary(base, "averaging", name, averaging=name) for name in rest]
-    if base.chosen.drive != "rms":  # which the survey knows
-        variants.append(_vary(base, "drive", "rms", drive="rms", running_window=None))
-    if nodes is None or isinstance(record, Moments):
-        why = "the time samples are gone: the plane was reduced to moments"
-        skipped["drive, mean velocity, averaging length"] = why
-    else:
-        variants += read_again(record, nodes, asked, _other_speeds(base), progress)
-    for other in several[1:]:
-        above = other if isinstance(other, Moments) else read_for(other, [model], asked, chosen, (), progress)[0]
-        variants.append(_vary(base, "height", f"y = {1e3 * (above.plane.height or 0.0):.3g} mm", moments=above))
-    if len(several) == 1:
+    drives = [name for name in DRIVES if name != chosen.drive]
+    unread = [_vary(base, "drive", name, drive=name, running_window=None) for name in drives]
+    unread += [_vary(base, "mean velocity", name, mean=name) for name in MEANS if name != chosen.mean]
+    variants += read_again(plane, nodes, asked, unread, progress)
+    for other in above:
+        moments, _ = read_for(other, [model], asked, chosen, (), progress)
+        variants.append(_vary(base, "height", f"y = {1e3 * (other.height or 0.0):.3g} mm", moments=moments))
+    if not above:
         skipped["height"] = "one plane is given; name the other heights too"
     whole, *rows = evaluate([base, *variants], asked, known)
     rows = [Row(each, change=each.impedance - z) for each in rows]
@@ -136,16 +114,14 @@ def audit(
         rows=tuple(sorted(rows, key=lambda row: (-size[row.factor], row.factor, -abs(row.change)))),
         skipped=skipped,
         choices=dict(found.choices),
-        nearest_case=nearest_case(found),
         notes=notes,
     )
 
 
 def _vary(base: Variant, factor: str, name: str, **changes: Any) -> Variant:
     """The base with choices, or fields of ``Variant``, changed."""
-    about = {key: changes.pop(key) for key in ("moments", "liner", "averaging", "psi", "pitch") if key in changes}
-    chosen = dataclasses.replace(base.chosen, **changes)
-    return dataclasses.replace(base, labels={"factor": factor, "variant": name}, chosen=chosen, **about)
+    about = {key: changes.pop(key) for key in ("moments", "liner", "averaging", "psi") if key in changes}
+    return replace(base, labels={"factor": factor, "variant": name}, chosen=replace(base.chosen, **changes), **about)
 
 
 def _other_liners(model: LinerModel) -> tuple[dict[tuple[str, str], LinerModel], dict[str, str]]:
@@ -177,7 +153,7 @@ def _of_one_liner(known: Moments, reflection: Tensor) -> Moments:
     of_one = nodes.coefficients(reflection).to(known.survey.sums.device)
     onto = torch.cat([of_one.real, of_one.imag])
     sums = {name: onto @ each for name, each in known.sums.items() if each.shape[2] == nodes.count}
-    return dataclasses.replace(known, sums=sums, onto=onto)
+    return replace(known, sums=sums, onto=onto)
 
 
 def _kernels(base: Variant, frequency: Tensor) -> Iterator[Variant]:
@@ -205,28 +181,25 @@ def _halves(base: Variant, frequency: Tensor) -> Iterator[Variant]:
 def _half_rate(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     known, rate, f = base.moments, base.moments.plane.sampling_rate / 2, float(frequency[0])
     if rate < FEWEST_SAMPLES_PER_PERIOD * f:
-        samples = f"{rate / f:.3g} samples per period, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
-        raise ValueError(f"{rate:g} Hz would leave {samples}")
-    if known.nodes is None or not bool((known.turns == rate).any()):
-        raise ValueError("rows of alternating sign are needed, which an audit of the plane itself sums over |v|")
+        raise ValueError(f"{rate:g} Hz has {rate / f:.3g} samples per period, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}")
+    if known.nodes is None:
+        raise ValueError("the rms of the record is all that acts on the liner")
     yield _vary(base, "sampling rate", f"every second sample, {rate:.6g} Hz", moments=every_second(known))
 
 
 def _phase_rules(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     """The phases of the incident wave that move R and X furthest, wherever it may lie, and that of the tone in v."""
     known, f, least = base.moments, float(frequency[0]), base.chosen.minimum_coherence
-    if base.chosen.drive != "rms" and not bool((known.turns == 2 * f).any()):
-        raise ValueError("the moments hold no rows of phase rules; reduce the plane with phase='self-consistent'")
     of_one = known
     if known.nodes is not None:  # many phases are quicker asked of R of one liner
         of_one = _of_one_liner(known, reflection_of(base.liner, frequency[:, None], known.nodes.speeds))
 
-    def at(psi: float, words: str) -> Variant:
+    def at(psi: float, words: str = "") -> Variant:
         name = f"given, psi = {psi:.2f} rad ({words})"
         return _vary(base, "phase rule", name, phase="given", moments=of_one, psi=psi)
 
     turn = [math.pi * step / PSI_STEPS for step in range(PSI_STEPS)]
-    z = [complex(at(psi, "").averages(frequency).liner.impedance[0]) for psi in turn]
+    z = [complex(at(psi).averages(frequency).liner.impedance[0]) for psi in turn]
     for parts, letter in (([each.real for each in z], "R"), ([each.imag for each in z], "X")):
         yield at(turn[parts.index(min(parts))], f"smallest {letter}")
         yield at(turn[parts.index(max(parts))], f"largest {letter}")
@@ -237,23 +210,9 @@ def _phase_rules(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     yield _vary(base, "phase rule", f"{name} ({share:.3g} % of probes)", phase=name, moments=of_one)
 
 
-FACTORS: dict[str, Factor] = {
+FACTORS: dict[str, Callable[[Variant, Tensor], Iterator[Variant]]] = {  # of a base at a frequency, Hz, (1,)
     "kernel": _kernels,
     "half the record": _halves,
     "sampling rate": _half_rate,
     "phase rule": _phase_rules,
 }
-
-
-def _other_speeds(base: Variant) -> list[Variant]:
-    """Other drives, means and averaging lengths, for which the samples are read again."""
-    plane, pitch, chosen = base.moments.plane, base.liner.cell_pitch, base.chosen
-    drives = [name for name in DRIVES if name not in ("rms", chosen.drive)]
-    found = [_vary(base, "drive", name, drive=name, running_window=None) for name in drives]
-    found += [_vary(base, "mean velocity", name, mean=name) for name in MEANS if name != chosen.mean]
-    spacing = math.inf if plane.x is None or plane.x.numel() < 2 else float(plane.x.diff().abs().median())
-    for share in LENGTHS:
-        if pitch is not None and 2 * spacing <= share * pitch * (1 + 1e-6):
-            name = f"velocity over {share:g} of a cell"
-            found.append(_vary(base, "averaging length", name, averaging="velocity", pitch=share * pitch))
-    return found

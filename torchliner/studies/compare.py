@@ -1,117 +1,91 @@
 """Comparisons: two maps of the same cells, and several models of a liner on one plane."""
 
 import copy
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, index_of_frequency, require_choice, tell
+from torchliner.checks import SAME_FREQUENCY, require_choice, tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
-from torchliner.records.educed import Educed, Interval
-from torchliner.studies.variants import Row, Study, plane_of, read_for
+from torchliner.studies.variants import Row, Study, plane_of, read_for, rows_of
 from torchliner.velocity.answer import answer, fitting
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import Progress
 
 SAME_PLACE = 1e-6  # m
-SAME_RECORD = 1e-4  # of the rms: two records of a flow never share the rms of all probes
 FIRST = ("true", "in situ")  # references by which models are sorted, before others
 
 
 def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Study:
     """Z of ``second`` less that of ``first``, of the whole liner and of each cell.
 
-    The errors of independent records are independent, so squares of half-widths add. Those of one run (one case in the
-    provenance, or the same rms of v at all probes) are not, by how much is not known: half-widths add, an upper bound.
+    Half-widths of the intervals add. That is an upper bound, whatever the two records share.
 
     Args:
-        first, second: of the same cells and frequencies, in any order of these.
-        averaging: default that of both.
+        first, second: of the same cells and frequencies.
+        averaging: default that of the first.
     Returns:
-        averaging, level (of the intervals; None without any), same_run, words (what the intervals are). ``rows``, the
-        whole liner first, then cells, by frequency: place (``liner`` or ``cell 0``, ...), x, z (its centre, m),
-        frequency (Hz), first, second, difference (Z), low, high (of its statistical interval; None without), differs_in
-        (parts whose interval has no 0: "R", "X", "R, X" or "").
+        averaging, words (what the intervals are), level (of them; None without any). ``rows``, the whole liner first,
+        then cells, by frequency: place (``liner`` or ``cell 0``, ...), x, z (its centre, m), frequency (Hz), first,
+        second, difference (Z), low, high (of its statistical interval; None without), differs_in (parts whose interval
+        has no 0: "R", "X", "R, X" or "").
     Raises:
         ValueError: other cells, frequencies, averagings or levels of the interval.
     """
-    if averaging is None and first.averaging != second.averaging:
-        raise ValueError(
-            f"the maps answer by averaging {first.averaging!r} and {second.averaging!r}; name one that both hold"
-        )
     averaging = averaging or first.averaging
     for each in (first, second):
         require_choice("averaging", averaging, each.averagings)
-    order, same = _common_order(first, second), _same_run(first, second)
-    level = None if None in (first.level, second.level) else first.level
-    one, two = (_together(each, averaging) for each in (first, second))
-    two, ends = two.map(lambda value: value[:, order]), None
-    if level is not None and one.interval is not None and two.interval is not None:
-        # In real parts: complex differences of infinite ends are nan.
-        low, high = (torch.view_as_real(end) for end in (one.interval.low, one.interval.high))
-        least, most = (torch.view_as_real(end) for end in (two.interval.low, two.interval.high))
-        widths = torch.stack([high - low, most - least]) / 2
-        half = widths.sum(0) if same else widths.square().sum(0).sqrt()
-        # An unbounded interval has no middle.
-        middle = torch.where(half.isinf(), 0, (least + most - low - high) / 2)
-        ends = torch.stack([middle - half, middle + half], -2)
-    here, there, rows = one.impedance.tolist(), two.impedance.tolist(), list[Row]()
-    x, z = ([math.nan, *value.tolist()] for value in (first.cell_x, first.cell_z))
-    for i, (k, f) in itertools.product(range(len(x)), enumerate(first.frequency.tolist())):
-        row = Row(place=f"cell {i - 1}" if i else "liner", x=x[i], z=z[i], frequency=f)
-        row |= {"first": here[i][k], "second": there[i][k], "difference": there[i][k] - here[i][k]}
-        row |= {"low": None, "high": None, "differs_in": ""}
-        if ends is not None:
-            left, right = ends[i, k].tolist()
-            clear = [part for part, start, end in zip("RX", left, right, strict=True) if start > 0 or end < 0]
-            row |= {"low": complex(*left), "high": complex(*right), "differs_in": ", ".join(clear)}
-        rows.append(row)
-    how = "an upper bound: both rest on one run, half-widths added" if same else "of independent records"
-    words = f"{100 * level:g} % statistical interval, {how}" if level else "no intervals: one of the maps has none"
-    return Study(averaging=averaging, level=level, same_run=same, words=words, rows=tuple(rows))
-
-
-def _together(one: ImpedanceMap, averaging: str) -> Educed:
-    """That of the liner above those of the cells, (1 + C, F)."""
-    parts = one.liner[averaging].map(lambda value: value[None]), one.cells[averaging]
-    bars = [part.interval for part in parts if part.interval is not None]
-    return Educed(torch.cat([part.reflection for part in parts]), Interval.joined(bars) if len(bars) == 2 else None)
-
-
-def _common_order(first: ImpedanceMap, second: ImpedanceMap) -> list[int]:
-    """Where the frequencies of the first map are in the second; ValueError unless all else is alike."""
-    lists = [each.frequency.tolist() for each in (first, second)]
-    order = [i for f in lists[0] if (i := index_of_frequency(second.frequency, f)) is not None]
-    if not len(order) == len(lists[0]) == len(lists[1]):
+    lists, counts = [each.frequency.tolist() for each in (first, second)], [len(e.cell_x) for e in (first, second)]
+    if lists[0] != lists[1]:
         raise ValueError(f"the maps have other frequencies: {lists[0]} Hz and {lists[1]} Hz; educe both at the same")
-    counts = [len(each.cell_x) for each in (first, second)]
     pairs = ((first.cell_x, second.cell_x), (first.cell_z, second.cell_z))
     if counts[0] != counts[1] or not all(torch.allclose(*pair, 0, SAME_PLACE, equal_nan=True) for pair in pairs):
         raise ValueError(
             f"the maps have other cells ({counts[0]} and {counts[1]}); educe planes of the same extent with liners of "
             "one cell_pitch"
         )
-    if None not in (first.level, second.level) and first.level != second.level:
+    level = None if None in (first.level, second.level) else first.level
+    if level is not None and first.level != second.level:
         raise ValueError(f"the maps have intervals of {first.level} and {second.level}; educe both with the same")
-    return order
+    one, two = (_stacked(each, averaging) for each in (first, second))
+    rows = rows_of(
+        place=[["liner"], *([f"cell {i}"] for i in range(counts[0]))],
+        x=[[math.nan], *first.cell_x[:, None].tolist()],
+        z=[[math.nan], *first.cell_z[:, None].tolist()],
+        frequency=first.frequency,
+        first=one["impedance"],
+        second=two["impedance"],
+        difference=two["impedance"] - one["impedance"],
+        low=None if level is None else _less(two["low"], one["high"]),
+        high=None if level is None else _less(two["high"], one["low"]),
+    )
+    for row in rows:
+        row["differs_in"] = ""
+        if level is not None:
+            ends = {"R": (row.low.real, row.high.real), "X": (row.low.imag, row.high.imag)}
+            row["differs_in"] = ", ".join(part for part, (low, high) in ends.items() if low > 0 or high < 0)
+    words = "no intervals: one of the maps has none"
+    if level is not None:
+        words = f"{100 * level:g} % statistical interval, half-widths added: an upper bound"
+    return Study(averaging=averaging, level=level, words=words, rows=tuple(rows))
 
 
-def _same_run(first: ImpedanceMap, second: ImpedanceMap) -> bool:
-    """By the case that they state, or by the rms of v, but for probes that one of them left out."""
-    cases = [dict(each.choices.get("data") or {}).get("case") for each in (first, second)]
-    if cases[0] is not None and cases[0] == cases[1]:
-        return True
-    one, other = (each.velocity_rms.double().cpu() for each in (first, second))
-    if one.shape != other.shape:
-        return False
-    known = torch.isfinite(one + other)
-    return bool(known.any()) and bool(((one - other).abs() <= SAME_RECORD * one)[known].all())
+def _stacked(one: ImpedanceMap, averaging: str) -> dict[str, Any]:
+    """Values and ends of the liner above those of the cells, (1 + C, F)."""
+    liner, cells = one.liner[averaging], one.cells[averaging]
+    names = ("impedance",) if liner.interval is None else ("impedance", "low", "high")
+    return {name: torch.cat([getattr(liner, name)[None], getattr(cells, name)]) for name in names}
+
+
+def _less(one: Tensor, other: Tensor) -> Tensor:
+    """A difference in real parts: complex ones of infinite ends are nan."""
+    return torch.view_as_complex(torch.view_as_real(one) - torch.view_as_real(other))
 
 
 def compare_models(
@@ -119,7 +93,6 @@ def compare_models(
     liners: Mapping[str, Liner],
     frequency: Any = None,
     *,
-    cell_pitch: float | None = None,
     reference_phase: float | None = None,
     progress: Progress | None = None,
     **choices: Any,
@@ -127,11 +100,10 @@ def compare_models(
     """Educe one plane with several models of its liner, for which the data are read as often as for one.
 
     Args:
-        plane: wall-normal velocity, or the moments of one.
+        plane: wall-normal velocity, or the moments of one. Cells are those of the moments, else of the preset that the
+            plane names, else of the first model.
         liners: two or more by name, each as for ``educe``.
         frequency: Hz, one or several; default the plane's tone.
-        cell_pitch: L_c, m, of the cells of all models; default that of the moments, else of the preset that the
-            plane names, else of the first model.
         reference_phase: rad, for ``phase="given"``.
         progress, choices: as for ``educe``.
     Returns:
@@ -149,43 +121,36 @@ def compare_models(
     if len(liners) < 2:
         raise ValueError(f"models given: {', '.join(liners) or 'none'}; name two or more, or use educe")
     models = {name: copy.copy(as_liner(liner).in_flow(facts.mach)) for name, liner in liners.items()}
-    pitches = {f"{1e3 * model.cell_pitch:.4g}" for model in models.values() if model.cell_pitch is not None}
-    named = load_liner(facts.liner) if facts.liner in preset_names() else next(iter(models.values()))
-    own = plane.cell_pitch if isinstance(plane, Moments) else named.cell_pitch
-    pitch, lines, notes = own if cell_pitch is None else cell_pitch, facts.asked(frequency), list[str]()
-    if pitches - {f"{1e3 * (pitch or 0):.4g}"}:
-        notes.append(f"cells are of {1e3 * (pitch or 0):.4g} mm for all models; as files: {', '.join(pitches)} mm")
+    pitches, lines, texts = [model.cell_pitch for model in models.values()], facts.asked(frequency), dict[str, Any]()
+    pitch = load_liner(facts.liner).cell_pitch if facts.liner in preset_names() else pitches[0]
+    pitch = plane.cell_pitch if isinstance(plane, Moments) else pitch
     for model in models.values():  # of models without ``replace`` too
         object.__setattr__(model, "cell_pitch", pitch)
-    known = plane
-    if isinstance(known, VelocityPlane):
-        known, _ = read_for(known, [*models.values()], lines, chosen, (), progress)
+    known = plane if isinstance(plane, Moments) else read_for(plane, [*models.values()], lines, chosen, (), progress)[0]
     with torch.no_grad():
         ways = {name: fitting(known, model, lines, chosen) for name, model in models.items()}
         maps = {name: answer(known, model, lines, ways[name], reference_phase) for name, model in models.items()}
-    first, *others = maps.values()
-    shared = [note for note in first.notes if all(note in each.notes for each in others)]
-    notes += [note.text for note in shared if note.code != "level-check"]
     for name, each in maps.items():
-        notes += [f"{name}: {note.text}" for note in each.notes if note not in shared and note.code != "level-check"]
+        for note in (note for note in each.notes if note.code != "level-check"):
+            texts.setdefault(note.text, []).append(name)
+    notes = [text if len(names) == len(maps) else f"{names[0]}: {text}" for text, names in texts.items()]
+    if any(each != pitch and each is not None for each in pitches):
+        notes.insert(0, f"cells are of {1e3 * (pitch or 0):.4g} mm for all models, of which some state others")
     tell(notes)
     tone = facts.frequency or (float(lines[0]) if len(lines) == 1 else 0.0)
-    key = next((name for name in (*FIRST, *facts.reference) if name in facts.reference), None)
+    key = next((name for name in (*FIRST, *facts.reference) if name in facts.reference), "")
     rows, sizes = list[Row](), dict[str, float]()
     for name, each in maps.items():
-        z, check = each.liner[chosen.averaging].impedance.tolist(), each.level_check
-        levels = [math.nan] * len(z)
-        if check is not None:
-            levels = check.liner.level[check.averagings.index(chosen.averaging)].tolist()
-        for i, f in enumerate(lines.tolist()):
-            low, high = each.bounds_of_liner(chosen.averaging, i) or (None, None)
-            near = facts.reference if abs(f - tone) < SAME_FREQUENCY * tone else {}
-            row = Row(model=name, frequency=f, impedance=z[i], low=low, high=high)
-            row |= {"level_check": levels[i] if math.isfinite(levels[i]) else None}
-            row |= {"distance": {reference: abs(z[i] - value) for reference, value in near.items()}}
-            rows.append(Row(row, model_error=each.choices["model_error"]))
-            size = row.distance.get(key, abs(row.level_check or 0.0))
-            sizes[name] = max(sizes.get(name, 0.0), size)
+        found, check = each.liner[chosen.averaging], each.level_check
+        level = None if check is None else check.liner.level[check.averagings.index(chosen.averaging)]
+        about: dict[str, Any] = {"model": name, "frequency": lines, "model_error": each.choices["model_error"]}
+        own = rows_of(**about, impedance=found.impedance, interval=found.interval, level_check=level)
+        for row in own:
+            near = facts.reference if abs(row.frequency - tone) < SAME_FREQUENCY * tone else {}
+            row["distance"] = {reference: abs(row.impedance - value) for reference, value in near.items()}
+            row["level_check"] = None if row.level_check is None or math.isnan(row.level_check) else row.level_check
+        sizes[name] = max(row.distance.get(key, abs(row.level_check or 0.0)) for row in own)
+        rows += own
     referred, checked = any(row.distance for row in rows), rows[0].level_check is not None
     return Study(
         title=facts.title or facts.name,
@@ -194,6 +159,6 @@ def compare_models(
         sorted_by=f"|Z - {key}|" if referred else "|level check|" if checked else "as given",
         references=dict(facts.reference) if referred else {},
         rows=tuple(sorted(rows, key=lambda row: (row.frequency, sizes[row.model]))),
-        level_check_words=first.level_check_words,
+        level_check_words=next(iter(maps.values())).level_check_words,
         notes=tuple(notes),
     )

@@ -8,21 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torchliner.checks import require_positive, tell
+from torchliner.checks import tell
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.case import planes_by_height
 from torchliner.studies.variants import Row, Study, plane_of
-from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe
 
 DRIFT = 25.0 + 30.0j  # per m of height, eq. (A1), for sound at grazing incidence
-LIMITS = (0.1, 0.1, 0.1)  # of modulation, difference of averagings, change with height: a choice of this program
-OUT_OF_STEP = 0.1  # of 1 - coherence, beyond which v is not in step with the tone
+LIMIT = 0.1  # of modulation, difference of averagings, change with height, 1 - coherence: a choice of this program
 FEWEST_PROBES, MOST_HARMONICS = 4, 8  # to a cell
 WHOLE = 0.01  # of a cell or spacing, by which probes may miss a whole number of cells or an even step
-MOST_SCATTER = 1.3  # of a decay, rms
 
 
 def study_heights(
@@ -30,9 +27,6 @@ def study_heights(
     liner: Liner,
     frequency: float | None = None,
     *,
-    cell_pitch: float | None = None,
-    limits: Sequence[float] = LIMITS,
-    reference_phase: float | None = None,
     progress: Callable[[int], object] | None = None,
     **choices: Any,
 ) -> Study:
@@ -45,21 +39,17 @@ def study_heights(
 
     Args:
         planes: of one case at different heights, or their ``Moments``.
-        liner, reference_phase, choices: as for ``educe``; no intervals by default.
+        liner, choices: as for ``educe``; no intervals by default.
         frequency: Hz, one; default the planes' own tone.
-        cell_pitch: L_c, m; default the liner's.
-        limits: of the modulation, of |Z, admittance - Z, velocity| and of the change of Z to the next height, over |Z|.
         progress: called with 1 per plane.
     Returns:
-        title, frequency (Hz), pitch (L_c, m, or None), averaging, choices, notes; reference (independent impedances,
-        for comparison alone); decay (m, over which the modulation falls by e; None with fewer than three heights and
-        where it does not). ``rows``, the lowest first: height (m); impedance, level_check (dB), by averaging;
-        level_limit (dB); coherence (squared, of v with the tone, median over probes); velocity_rms (v', m/s);
-        modulation (rms of the cell-periodic part of v'_rms along x over its mean), between (of waves that nothing
-        periodic in the cell has), None without a whole cell; drift (of grazing sound by eq. (A1)). heights (m, by
-        averaging; None where none qualifies), height (that of the averaging of the answer), and ``judged``, lowest
-        first: height, averaging, name (``level check``, or of a limit), value (dB, or a share of 1; None where it could
-        not be judged), limit, passed.
+        title, frequency (Hz), averaging, choices, notes; reference (independent impedances, for comparison alone).
+        ``rows``, the lowest first: height (m); impedance, level_check (dB), by averaging; level_limit (dB); coherence
+        (squared, of v with the tone, median over probes); velocity_rms (v', m/s); modulation (rms of the cell-periodic
+        part of v'_rms along x over its mean; None without a whole cell); drift (of grazing sound by eq. (A1)). heights
+        (m, by averaging; None where none qualifies), height (that of the averaging of the answer), and ``judged``,
+        lowest first: height, averaging, name (``level check``, or of a limit), value (dB, or a share of 1; None where
+        it could not be judged), limit, passed.
     Raises:
         ValueError: planes without or of equal height, of different cases or frequencies.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off), figures 11, 16 and 17, appendix A.
@@ -71,46 +61,38 @@ def study_heights(
     wanted = ordered[0].asked(frequency).tolist()
     if len(wanted) > 1:
         raise ValueError(f"heights are compared at one frequency; {len(wanted)} are given")
-    pitch = model.cell_pitch if cell_pitch is None else cell_pitch
-    if pitch is not None:
-        require_positive("cell_pitch (m)", pitch)
-    for limit in limits:
-        require_positive("limit of a height", limit)
-    options = {"interval": None, **choices, "reference_phase": reference_phase}
     maps, rows, notes = list[ImpedanceMap](), list[Row](), list[str]()
     for plane in ordered:
-        maps.append(educe(records[id(plane)], model, wanted, **options))
+        maps.append(educe(records[id(plane)], model, wanted, **{"interval": None, **choices}))
         rows.append(_row(plane, maps[-1]))
         try:
-            rows[-1] |= _modulation(plane, maps[-1], pitch)
+            rows[-1]["modulation"] = _modulation(plane, maps[-1], model.cell_pitch)
         except ValueError as reason:
             notes.append(f"{plane.name}: no cell-periodic modulation can be judged: {reason}")
         notes += [note.text for note in maps[-1].notes]
         if progress is not None:
             progress(1)
     tell(notes := list(dict.fromkeys(notes)))
+    first, heights = maps[0], dict[str, float | None]()
     judged = [
         row
         for averaging in rows[0].impedance
         for here, above in itertools.zip_longest(rows, rows[1:])
-        for row in _judged(averaging, here, above, *limits)
+        for row in _judged(averaging, here, above)
     ]
-    heights: dict[str, float | None] = dict.fromkeys(rows[0].impedance)
-    for name, here in itertools.product(heights, reversed(rows)):
-        if all(row.passed for row in judged if (row.averaging, row.height) == (name, here.height)):
-            heights[name] = here.height
+    for name in rows[0].impedance:
+        failed = {row.height for row in judged if row.averaging == name and not row.passed}
+        heights[name] = next((row.height for row in rows if row.height not in failed), None)
     return Study(
         title=ordered[0].title.split(", y =")[0],
         frequency=wanted[0],
-        pitch=pitch,
-        averaging=(averaging := Choices(**choices).averaging),
+        averaging=first.choices["averaging"],
         rows=tuple(rows),
-        decay=decay_length([row.height for row in rows], [row.modulation for row in rows]),
-        reference=maps[0].reference_at(0),
+        reference=first.reference_at(0),
         judged=judged,
         heights=heights,
-        height=heights[averaging],
-        choices=dict(maps[0].choices),
+        height=heights[first.choices["averaging"]],
+        choices=dict(first.choices),
         notes=tuple(notes),
     )
 
@@ -127,63 +109,53 @@ def _row(plane: VelocityPlane, seen: ImpedanceMap) -> Row:
         coherence=float(seen.coherence[..., 0].nanmedian()),
         velocity_rms=float((seen.velocity_rms**2).nanmean().sqrt()),
         modulation=None,
-        between=None,
         drift=DRIFT * (plane.height or 0.0) if grazing else None,
     )
 
 
-def _judged(
-    averaging: str, here: Row, above: Row | None, modulation: float, averagings: float, change: float
-) -> list[Row]:
+def _judged(averaging: str, here: Row, above: Row | None) -> list[Row]:
     """What an averaging is judged by at one height, with the next one above."""
-    z, found = here.impedance, dict[str, tuple[float | None, float]]()
-
-    def moved(new: complex, old: complex) -> float:
-        known = abs(new) < math.inf and 0 < abs(old) < math.inf
-        return abs(new - old) / abs(old) if known else math.inf
-
+    z, limit, found = here.impedance, LIMIT, dict[str, float | None]()
     if averaging in here.level_check:
-        found["level check"] = abs(here.level_check[averaging]), here.level_limit
+        found, limit = {"level check": abs(here.level_check[averaging])}, here.level_limit
     else:
-        found["change"] = None if above is None else moved(above.impedance[averaging], z[averaging]), change
+        found["change"] = None if above is None else abs(above.impedance[averaging] / z[averaging] - 1)
         if averaging == "velocity":
-            found["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None, OUT_OF_STEP
-        elif averaging == "admittance" and here.coherence >= 1 - OUT_OF_STEP:
-            found["averagings"] = moved(z["admittance"], z["velocity"]), averagings
+            found["turbulence"] = 1 - here.coherence if math.isfinite(here.coherence) else None
+        elif averaging == "admittance" and here.coherence >= 1 - LIMIT:
+            found["averagings"] = abs(z["admittance"] / z["velocity"] - 1)
         elif averaging == "admittance":
-            found["modulation"] = here.modulation, modulation
-    about = {"height": here.height, "averaging": averaging}
+            found["modulation"] = here.modulation
+    about = {"height": here.height, "averaging": averaging, "limit": limit}
     return [
-        Row(about, name=name, value=value, limit=limit, passed=value is not None and value <= limit)
-        for name, (value, limit) in found.items()
+        Row(about, name=name, value=value, passed=value is not None and value <= limit) for name, value in found.items()
     ]
 
 
-def _modulation(plane: VelocityPlane, seen: ImpedanceMap, pitch: float | None) -> dict[str, float | None]:
+def _modulation(plane: VelocityPlane, seen: ImpedanceMap, pitch: float | None) -> float:
     """Of v'_rms along x; ValueError where it cannot be judged."""
     if pitch is None or plane.x is None:
         raise ValueError("no cell pitch is known" if pitch is None else "the plane states no x")
     square = seen.velocity_rms.detach().cpu().double().square()
     profile = square.reshape(-1, square.shape[-1]).nanmean(0).sqrt()
-    mean, harmonics, between = cell_modulation(plane.x.numpy(), profile.numpy(), pitch)
-    return {"modulation": math.hypot(*harmonics) / 2**0.5 / mean, "between": between and between / mean}
+    mean, harmonics = cell_modulation(plane.x.numpy(), profile.numpy(), pitch)
+    return math.hypot(*harmonics) / 2**0.5 / mean
 
 
-def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> tuple[float, list[float], float | None]:
+def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> tuple[float, list[float]]:
     """Cell-periodic part of a profile along x, m/s at evenly rising x, m, (N,); ``pitch`` is L_c, m.
 
     Harmonics are fitted by least squares over whole cells, together with a mean and, from two cells on, a linear growth
     along x and the waves between the harmonics: no probe has to sit at the same place of every cell.
 
     Returns:
-        The mean over whole cells; peak amplitudes of harmonics 1, 2, ... of the pitch; rms of the waves half way
-        between them, which nothing periodic in the cell can have: what scatter alone gives, None for one cell; m/s.
+        The mean over whole cells; peak amplitudes of harmonics 1, 2, ... of the pitch.
     Raises:
         ValueError: uneven places, no whole cell, or fewer than four probes in one.
     """
     places, profile = np.asarray(x, np.float64), np.asarray(values, np.float64)
     steps = np.diff(places)
-    if places.shape != profile.shape or len(steps) < 1 or not abs(steps - steps.mean()).max() <= WHOLE * steps.mean():
+    if len(steps) < 1 or not abs(steps - steps.mean()).max() <= WHOLE * steps.mean():
         raise ValueError("the probes do not lie in even, rising steps along x")
     spacing = float(steps.mean())
     cells = math.floor(len(places) * spacing / pitch + WHOLE)
@@ -204,19 +176,4 @@ def cell_modulation(x: ArrayLike, values: ArrayLike, pitch: float) -> tuple[floa
     columns = np.concatenate([np.stack(steady, 1), np.cos(turns), np.sin(turns)], 1)
     found, *_ = np.linalg.lstsq(columns, profile[inside], rcond=None)
     sizes = np.hypot(*found[len(steady) :].reshape(2, -1))
-    between = float(np.sqrt((sizes[count:] ** 2).sum() / 2)) if cells > 1 else None
-    return float(found[0]), sizes[:count].tolist(), between
-
-
-def decay_length(heights: Sequence[float], amplitudes: Sequence[float | None]) -> float | None:
-    """l of a exp(-y/l), m, by least squares of ln(amplitude) over height, m.
-
-    None with fewer than three heights or an amplitude not above 0, where the amplitude grows, and where the heights
-    stray from the fit by more than a factor 1.3, rms.
-    """
-    if len(heights) < 3 or not all(a is not None and a > 0 for a in amplitudes):
-        return None
-    places, logs = np.asarray(heights), np.log(np.asarray(amplitudes, np.float64))
-    slope, start = np.polyfit(places, logs, 1).tolist()
-    stray = float(np.sqrt(np.mean((logs - slope * places - start) ** 2)))
-    return -1 / slope if slope < 0 and stray <= math.log(MOST_SCATTER) else None
+    return float(found[0]), sizes[:count].tolist()

@@ -28,8 +28,8 @@ UNKNOWN = dict.fromkeys(("in_situ", "low", "high"), NOWHERE) | dict.fromkeys(
 )
 TABLE = "reference_cases.csv"  # the default rules of docs/validation.md, by scripts/validation_page.py
 WORDS = ("case", "hole", "averaging")  # columns of the table that are no numbers
-MACH = 0.1  # that counts as much as a factor e in |v|, or as another kind of hole
-HEIGHT = 0.1  # weight of a factor e in the height over the hole
+WEIGHTS = (1.0, 1.0, 10.0, 1.0, 0.1)  # of ``distances_of``
+NEAR = (math.log(2), math.log(2), 0.05, 0.0, math.inf)  # beyond which no case is named
 
 
 def validation_row(rule: tuple[str, str, str], educed: complex, true: complex, **about: Any) -> Row:
@@ -68,9 +68,6 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     for (drive, mean), phase, averaging in itertools.product(DRIVES, PHASES, seen.averagings):
         own, stated = replace(chosen, drive=drive, mean=mean, phase=phase), psi if phase == "given" else None
         variants.append(Variant({"rule": (drive, mean, phase)}, known, model, averaging, own, stated))
-    others = [each for each in variants if each.chosen.drive != "rms"]
-    again = iter(read_again(plane, nodes, asked, others))
-    variants = [each if each.chosen.drive == "rms" else next(again) for each in variants]
     about = {
         "case": str(plane.provenance.get("case", plane.title)),
         "height": plane.height or 0.0,
@@ -84,7 +81,7 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     names, true = ("averaging", "low", "high", "level_check"), complex(plane.reference["true"])
     return [
         validation_row(row.rule, row.impedance, true, **about, **{name: row[name] for name in names})
-        for row in evaluate(variants, asked, known)
+        for row in evaluate(read_again(plane, nodes, asked, variants), asked, known)
     ]
 
 
@@ -103,8 +100,8 @@ def errors_by_rule(rows: Sequence[Row]) -> list[Row]:
 
 @functools.cache
 def reference_cases() -> tuple[Row, ...]:
-    """The shipped table, a row a plane: case, incident_level (dB), reference (Z), educed (Z by averaging), and what
-    ``setting_of`` says of a map."""
+    """The shipped table, a row a plane: case, reference (Z), educed (Z by averaging), and what ``setting_of`` says of a
+    map."""
     text = (resources.files("torchliner.studies") / TABLE).read_text(encoding="utf-8")
     found: dict[tuple[str, str], Row] = {}
     for line in csv.DictReader(text.splitlines()):
@@ -150,24 +147,19 @@ def setting_of(found: ImpedanceMap, index: int = 0) -> Row | None:
     )
 
 
-def factors_of(here: Row, there: Row) -> list[float]:
-    """|v| over porosity here over that there: in step with the tone, and of all."""
-    share = there.porosity / here.porosity
-    return [share * max(here[name], 1e-6) / max(there[name], 1e-6) for name in ("speed", "velocity_rms")]
+def distances_of(here: Row, there: Row) -> list[float]:
+    """How far a case is: |ln| of the ratios of |v| over porosity, in step with the tone and of all; Mach number; 1 for
+    another kind of hole; |ln| of the ratio of heights over the hole."""
+    share, far = there.porosity / here.porosity, list[float]()
+    far += [math.log(share * max(here[name], 1e-6) / max(there[name], 1e-6)) for name in ("speed", "velocity_rms")]
+    far += [(here.mach or 0.0) - there.mach, float(here.hole != there.hole)]
+    known = here.height and there.height
+    far.append(math.log(here.height / here.hole_diameter * there.hole_diameter / there.height) if known else 0.0)
+    return [abs(each) for each in far]
 
 
-def distance_of(here: Row, there: Row) -> float:
-    """0 for the same; 1 for a factor e in |v| over porosity, M 0.1, another kind of hole."""
-    far = sum(abs(math.log(factor)) for factor in factors_of(here, there))
-    far += abs((here.mach or 0.0) - (there.mach or 0.0)) / MACH + (here.hole != there.hole)
-    if here.height and there.height:
-        far += HEIGHT * abs(math.log(here.height / here.hole_diameter * there.hole_diameter / there.height))
-    return far
-
-
-def nearest_case(found: ImpedanceMap, index: int = 0, *, brief: bool = False) -> str:
-    """One line: the shipped case most like this one, what came out there and what it is; ``brief``: in the averaging of
-    the answer alone.
+def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
+    """One line: the shipped case most like this one, what came out there and what it is.
 
     "" for a hard wall, a liner without holes, and where no case is near: |v| over porosity within a factor of 2, M
     within 0.05, the same kind of hole. ``index``: of the frequency.
@@ -175,19 +167,10 @@ def nearest_case(found: ImpedanceMap, index: int = 0, *, brief: bool = False) ->
     here = setting_of(found, index)
     if here is None or found.choices.get("surface") == "hard wall" or not math.isfinite(here.speed + here.velocity_rms):
         return ""
-    there = min(reference_cases(), key=lambda each: distance_of(here, each))
-    near = all(0.5 <= factor <= 2 for factor in factors_of(here, there)) and here.hole == there.hole
-    if not near or here.mach is None or abs(here.mach - there.mach) > MACH / 2:
+    every = [(distances_of(here, there), there) for there in reference_cases()]
+    far, there = min(every, key=lambda each: sum(a * b for a, b in zip(WEIGHTS, each[0], strict=True)))
+    if here.mach is None or not all(a <= most for a, most in zip(far, NEAR, strict=True)):
         return ""
-    averagings, known = [found.averaging] if brief else list(there.educed), there.reference
-    educed = [there.educed[name] for name in averagings]
-    r = f"{', '.join(f'{z.real:.2f}' for z in educed)} for {known.real:.2f}"
-    x = f"{', '.join(f'{z.imag:.2f}' for z in educed)} for {known.imag:.2f}"
-    if brief:
-        return f"Model error in the nearest reference case, {there.case}: R came out {r}, X {x}."
-    return (
-        f"model error seen in the nearest reference case, {there.case} "
-        f"({there.speed:.2f} m/s at the tone, v' {there.velocity_rms:.2f} m/s at {1e3 * there.height:g} mm, "
-        f"{100 * there.porosity:.1f} % open, {there.hole}, M {there.mach:g}, {there.incident_level:g} dB) "
-        f"R came out {r}, X {x} ({', '.join(averagings)})"
-    )
+    z, known = there.educed[found.averaging], there.reference
+    words = f"R came out {z.real:.2f} for {known.real:.2f}, X {z.imag:.2f} for {known.imag:.2f}"
+    return f"Model error in the nearest reference case, {there.case}: {words}."

@@ -1,7 +1,7 @@
 """Many ways of asking one plane for its impedance: a study is a list of variants, which one function evaluates.
 
 Moments of |v| serve every liner, frequency and phase rule, half of the record and half of the sampling rate. Other
-|v|, which are another drive, mean or averaging length, share one more reading.
+|v|, which are another drive or mean, share one more reading.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ from torchliner.records import VelocityPlane
 from torchliner.velocity.averages import Averages, average
 from torchliner.velocity.choices import TOLERANCES, Choices
 from torchliner.velocity.level_check import known_pressure, ratio_of_pressures
-from torchliner.velocity.reading import Progress, reading_of, take_moments
+from torchliner.velocity.reading import CELLS, Progress, reading_of, take_moments
 
 Records = VelocityPlane | Moments
 
@@ -86,7 +86,6 @@ class Variant:
         labels: of its row.
         moments, liner, averaging, chosen: what is asked, for which liner, with all choices.
         psi: rad, phase of the incident sound at all probes, for phase ``given``.
-        pitch: L_c, m, of cells other than the liner's.
     """
 
     labels: dict[str, Any]
@@ -95,7 +94,6 @@ class Variant:
     averaging: str
     chosen: Choices
     psi: float | None = None
-    pitch: float | None = None
 
     def averages(self, frequency: Tensor) -> Averages:
         """R of cells and liner; ``frequency`` in Hz, (F,)."""
@@ -153,30 +151,29 @@ def read_again(
     variants: Sequence[Variant],
     progress: Progress | None = None,
 ) -> list[Variant]:
-    """Variants of other |v|, with their moments, all from one more reading; their ``moments`` are those of the base."""
+    """Variants of other |v|, with their moments, all from one more reading; their ``moments`` are those of the base,
+    which know drive ``rms`` already."""
     groups: dict[Any, list[Variant]] = {}
-    for each in variants:  # by what makes |v|
-        key = (each.chosen.drive, each.chosen.mean, each.chosen.running_window, each.pitch)
-        groups.setdefault(key, []).append(each)
+    for each in (each for each in variants if each.chosen.drive != "rms"):  # by what makes |v|
+        groups.setdefault((each.chosen.drive, each.chosen.mean, each.chosen.running_window), []).append(each)
     ways, jobs = [], []
     for group in groups.values():
         known, chosen = group[0].moments, group[0].chosen
-        locked = known.locked if any(each.averaging == "phase-locked" for each in group) else None
         # The phase-locked drive, with its background, is that of the base.
         phase = next((each.chosen.phase for each in group if each.chosen.phase != "averaged"), "averaged")
         chosen = dataclasses.replace(chosen, phase=phase, background=None)
-        way = reading_of(plane, [], frequency, chosen, cell_pitch=group[0].pitch or known.cell_pitch, nodes=nodes)
+        way = reading_of(plane, [], frequency, chosen, cell_pitch=known.cell_pitch, nodes=nodes)
         way = dataclasses.replace(way, blocks=known.survey.blocks).without(~known.used)
-        wanted = {"square of cells", *(each.averaging for each in group)}
-        possible = way.jobs() | way.jobs(known.survey, locked)
-        names = [name for name in possible if name in wanted]
+        possible = way.jobs() | way.jobs(known.survey, known.locked)
+        names = [each for each in possible if each in {CELLS, *(variant.averaging for variant in group)}]
         jobs += [possible[name] for name in names]
-        ways.append((group, way, known, locked, names))
+        ways.append((group, way, names))
     sums, found = iter(reduce(way.record(progress), way.blocks, jobs)), dict[int, Moments]()
-    for group, own, known, locked, names in ways:
-        made = own.moments(known.survey, locked, {name: next(sums) for name in names})
+    for group, own, names in ways:
+        known = group[0].moments
+        made = own.moments(known.survey, known.locked, {name: next(sums) for name in names})
         found |= dict.fromkeys(map(id, group), made)
-    return [dataclasses.replace(each, moments=found[id(each)]) for each in variants]
+    return [dataclasses.replace(each, moments=found.get(id(each), each.moments)) for each in variants]
 
 
 def of_blocks(known: Moments, part: slice) -> Moments:
