@@ -79,10 +79,17 @@ def test_a_library_is_built_once_for_its_user_alone(tmp_path: Path) -> None:
     assert whole[0].startswith("True")
     folder = tmp_path / "torchliner"
     assert folder.stat().st_mode & 0o777 == 0o700
-    (library,) = folder.iterdir()
-    made = library.stat().st_mtime_ns
+    library, checksum = sorted(folder.iterdir(), reverse=True)
+    content, made = library.read_bytes(), library.stat().st_mtime_ns
     assert used(tmp_path) == whole
     assert library.stat().st_mtime_ns == made
+    for planted in (content[: len(content) // 2], b"planted"):
+        library.write_bytes(planted)
+        assert used(tmp_path) == whole
+        assert library.read_bytes() == content
+    checksum.write_bytes(b"\xff\xfe")
+    assert used(tmp_path) == whole
+    assert len([*folder.iterdir()]) == 2
 
 
 @needs_compiler
@@ -93,7 +100,7 @@ def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path) -> None:
     folder.chmod(0o777)
     assert used(tmp_path, TMPDIR=str(private))[0].startswith("True")
     assert not [*folder.iterdir()]
-    assert [path.stat().st_mode & 0o777 for path in private.iterdir()] == [0o700]
+    assert not [*private.iterdir()]
 
 
 def test_a_command_of_a_compiler_that_is_none_is_the_reason(tmp_path: Path) -> None:

@@ -1,9 +1,10 @@
 """The sums of a reading on CPUs in C++: built at first use where a compiler is, or brought by the wheel.
 
-The library lies in a folder that only the user can write. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses
-it, ``native`` insists on it.
+The library lies in a folder that only the user can write, beside its checksum; what does not match is built anew and
+never loaded. ``TORCHLINER_SUMS`` in the environment: ``torch`` never uses it, ``native`` insists on it.
 """
 
+import atexit
 import contextlib
 import functools
 import hashlib
@@ -88,21 +89,37 @@ def _brought() -> Path:
 
 
 def _built() -> Path:
-    """The library for this source, compiler and kind of processor, built unless it is there."""
+    """The library for this source, compiler and kind of processor, built unless it is there and whole."""
     compiler = shlex.split(os.environ.get("CXX", "")) or [each for each in ("g++", "clang++") if shutil.which(each)][:1]
     if not compiler:
         raise RuntimeError("no C++ compiler: neither g++ nor clang++ is on the path, CXX is unset")
     command = [*compiler, *FLAGS, *PROCESSORS.get(torch.backends.cpu.get_cpu_capability(), ())]
     key, folder = hashlib.sha256(SOURCE.read_bytes() + shlex.join(command).encode()).hexdigest()[:16], _folder()
-    library = (folder or Path(tempfile.mkdtemp(prefix="torchliner-"))) / f"native-{key}.so"
-    if not library.exists():
-        # Several processes may build at once: each into a file of its own, the last one stays.
+    if folder is None:  # none is the user's alone: for this process
+        folder = Path(tempfile.mkdtemp(prefix="torchliner-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    library = folder / f"native-{key}.so"
+    if not _whole(library):
+        # Several processes may build at once: each into files of its own, the last one stays.
         part = library.with_suffix(f".{os.getpid()}")
         done = subprocess.run([*command, "-o", part, SOURCE], capture_output=True, text=True, timeout=SECONDS)
         if done.returncode:
             raise RuntimeError(f"{shlex.join(command)} failed with code {done.returncode}: {done.stderr[-500:]}")
         part.replace(library)
+        part.write_bytes(_digest(library))
+        part.replace(library.with_suffix(".sha256"))
     return library
+
+
+def _whole(library: Path) -> bool:
+    """Whether a library is there and is the one that was built: a truncated one would end the process."""
+    with contextlib.suppress(OSError):
+        return library.with_suffix(".sha256").read_bytes() == _digest(library)
+    return False
+
+
+def _digest(library: Path) -> bytes:
+    return hashlib.sha256(library.read_bytes()).hexdigest().encode()
 
 
 def _folder() -> Path | None:
