@@ -54,7 +54,7 @@ GROUPS: dict[str, tuple[str, str]] = {
     ),
     "Reliability": (
         "How far each choice moves a result; results and models compared; figures for print.",
-        "audit compare compare_models DataWarning figure_style",
+        "audit compare compare_models DataWarning",
     ),
     "Conversions": (
         "Air, and the arithmetic between reflection, impedance and absorption.",

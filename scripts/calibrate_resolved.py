@@ -41,9 +41,9 @@ def rows_of() -> list[Row]:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Averagings side by side."""
-    panels = {name: [row for row in rows if row.averaging == name] for name in AVERAGINGS}
-    draw_predictions(panels, "fitted without flow (n115, n130; o115), 1400 Hz, y = 2.5 mm", path)
+    """A line a prediction."""
+    labelled = [Row(row, label=f"{row.label}, {row.averaging}") for row in rows]
+    draw_predictions(labelled, "fitted without flow (n115, n130; o115), 1400 Hz", path)
 
 
 main = functools.partial(run_study, __doc__, "calibration_resolved", rows_of, draw)

@@ -19,10 +19,11 @@ from test_cli import run
 
 import torchliner as tl
 from torchliner.campaign.campaign_file import read_campaign
-from torchliner.campaign.index import COLUMNS, Z
+from torchliner.campaign.index import COLUMNS
 from torchliner.io.whole_file import locked
 from torchliner.velocity import workers
 
+Z = [name for name in COLUMNS if name.startswith(("resistance", "reactance"))]
 PAGE = DATA.parent / "docs" / "campaigns.md"
 SAMPLES, PROBES = 900, 6
 SHARES = 3  # a plane

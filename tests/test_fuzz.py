@@ -220,7 +220,6 @@ VALUES = [
 COMMANDS = {
     "educe": ["plane.h5", "--interval", "none"],
     "info": ["plane.h5"],
-    "validate": ["plane.h5"],
     "sensitivity": ["plane.h5"],
     "kt": ["line.h5"],
     "liner": ["onera"],

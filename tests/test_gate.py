@@ -59,7 +59,7 @@ def test_no_command_writes_over_an_input(capsys, folder, way, words, name):
 def test_one_file_is_not_two_measurements(capsys, folder, second):
     """Named twice it would count twice: three times halved the uncertainty of a calibration."""
     (folder / "link.h5").symlink_to("plane.h5")
-    for words in (["educe"], ["calibrate", "--free", "porosity"], ["validate"], ["height"]):
+    for words in (["educe"], ["calibrate", "--free", "porosity"], ["height"]):
         code, _, err = run(capsys, words[0], "plane.h5", second, *words[1:])
         assert (code, "is named twice" in err) == (BAD_INPUT, True), err
     words = "calibrate plane.h5 --free porosity --predict plane.h5 --reference 0.5+0.1j"
@@ -122,7 +122,7 @@ BEFORE = [  # tested before a plane is read
     ("educe --liner loop.toml", "cannot be read"),
     *((f"{command} m{end}", "it must be one of") for end in (".json", ".vtk", ".xlsx") for command in ("educe -o",)),
     ("info --figure m.json", "it must be one of .png"),
-    ("validate -o m.h5", "it must be one of .csv"),
+    ("audit -o m.h5", "it must be one of .csv"),
 ]
 
 
@@ -196,8 +196,8 @@ def test_titles_do_not_steer_a_terminal(capsys, folder):
 def test_warnings_come_once_three_at_most_and_are_ours(capsys, folder, monkeypatch):
 
     def doubtful(*_):
-        for i in range(3):
-            warnings.warn(f"plane.h5: rests on {i}.5 blocks; pass quiet=True", tl.DataWarning, stacklevel=2)
+        for _ in range(3):
+            warnings.warn("plane.h5: rests on 0.5 blocks; pass quiet=True", tl.DataWarning, stacklevel=2)
         for word in ("two", "three", "four"):
             warnings.warn(f"warned {word}", tl.DataWarning, stacklevel=2)
         warnings.warn("will be removed", DeprecationWarning, stacklevel=2)

@@ -15,7 +15,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.liners.plates import cavity_propagation
 from torchliner.pressure.dean import mouth_velocity_ratio
-from torchliner.report.studies import known_of
+from torchliner.report.curves import known_of
 from torchliner.tones import segment_amplitudes, tone_amplitudes, transfer_function, window_weights
 
 RATE, FREQUENCY, DEPTH = 40000.0, 1400.0, 0.038

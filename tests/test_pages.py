@@ -11,17 +11,14 @@ import shlex
 import subprocess
 import sys
 import tomllib
-import zipfile
-from importlib import resources
 from pathlib import Path
 
 import pytest
 import torch
-from conftest import DATA, doubtful, load_script
+from conftest import doubtful, load_script
 
 import torchliner as tl
-from torchliner.cli.files import DEMO_PLANES
-from torchliner.cli.main import DONE, main, parsed
+from torchliner.cli.main import main, parsed
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -323,54 +320,3 @@ tl.educe(p, l, frequncy=3)
     out, _, _ = mypy.run(["--strict", "--cache-dir", str(tmp_path / "c"), str(tmp_path / "slip.py")])
     assert 'slip.py:4: error: Unexpected keyword argument "frequncy"' in out
     assert {line.split(":")[1] for line in out.splitlines() if "slip.py" in line} == {"4"}
-
-
-def test_the_demo_planes_are_the_shipped_ones_and_small():
-    folder = resources.files("torchliner") / "demo_planes"
-    names = sorted(each.name for each in folder.iterdir())
-    assert names == sorted(DEMO_PLANES)
-    content = [(folder / name).read_bytes() for name in names]
-    assert sum(map(len, content)) < 2e6
-    for name, each in zip(names, content, strict=True):
-        wanted = hashlib.sha256((DATA / name).read_bytes()).hexdigest()
-        assert hashlib.sha256(each).hexdigest() == wanted
-
-
-def test_the_demo_educes_near_the_truth(tmp_path, monkeypatch, capsys, unrendered):
-    monkeypatch.chdir(tmp_path)
-    assert main(["educe", str(DATA / "slit_n130_y0.5mm.h5"), "--quiet", "--verbose"]) == DONE
-    assert re.search(r"reference +0\.168-0\.066j", capsys.readouterr().out)
-    assert main(["demo"]) == DONE
-    out = capsys.readouterr().out
-    assert "0.174-0.063j" in out
-    assert list(tmp_path.iterdir()) == []
-    assert main(["demo", "--folder", "new/my folder"]) == DONE
-    assert "-o 'new/my folder'" in capsys.readouterr().out  # to be typed as it stands
-    there = {each.name for each in Path("new/my folder").iterdir()}
-    assert {"educe_slit_n130_y0.5mm.h5", "along_x.png", "height.png"} <= there
-
-
-@pytest.mark.slow
-def test_the_wheel_carries_the_demo(tmp_path):
-    """Built as pip builds them, where the build backend can be had: the demo runs from it alone."""
-    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", str(tmp_path), "."]
-    made = subprocess.run(build, cwd=DATA.parent, capture_output=True, text=True, check=False)
-    if made.returncode:
-        pytest.skip(f"no wheel can be built here: {made.stderr[-200:]}")
-    (wheel,) = tmp_path.glob("*.whl")
-    assert wheel.stat().st_size < 3e6
-    with zipfile.ZipFile(wheel) as whole:
-        names = whole.namelist()
-        whole.extractall(tmp_path / "site")
-    assert {f"torchliner/demo_planes/{name}" for name in DEMO_PLANES} <= set(names)
-    assert "torchliner/__init__.pyi" in names
-    assert not any(name.startswith(("data/", "tests/")) for name in names)
-    code = (
-        f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r}); import torchliner; "
-        "assert 'site' in torchliner.__file__; from torchliner.cli.main import main; "
-        "sys.exit(main(['demo']))"
-    )
-    found = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, env={"PATH": ""}
-    )
-    assert "0.174-0.063j" in found.stdout, found.stderr

@@ -4,7 +4,7 @@ import matplotlib
 import numpy as np
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, plane_of, turbulence
+from conftest import FREQUENCY, plane_of, turbulence
 from test_own_files import noisy
 from test_results_out import line, points
 from test_results_out import made as at
@@ -17,10 +17,8 @@ from torchliner.report.answer import answer_of, ordered
 from torchliner.report.fields import level_and_phase
 from torchliner.report.figure import AVERAGINGS as COLOUR_OF
 from torchliner.report.maps import over_surface
-from torchliner.report.of_map import draw_pictures
-from torchliner.report.studies import draw_level_check, draw_maps_over_height
 from torchliner.studies.heights import study_heights
-from torchliner.studies.validation import DEFAULT, reference_wave_phase, validate
+from torchliner.studies.validation import reference_wave_phase, validate
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -55,7 +53,6 @@ def studies(liner):
         "sensitivities": tl.sensitivities(plane, liner, parameters=["porosity"]),
         "calibration": tl.calibrate([plane], liner, "true", {"vena_contracta": (0.5, 1.0)}),
         "heights": study_heights([plane, other], liner),
-        "validation": validate(plane, liner),
         "levels": tl.ir_tdibc(liner, [100.0, 120.0], [FREQUENCY]),
     }
 
@@ -72,7 +69,7 @@ def test_every_result_has_a_screen_rows_pictures_and_values(liner, tmp_path):
         answer.write_pictures(tmp_path / name)
         for picture in answer.pictures:
             assert (tmp_path / name / f"{picture.name}.png").stat().st_size > 4000
-            assert picture.table.as_rows()
+            assert (tmp_path / name / f"{picture.name}.csv").read_text()
         assert isinstance(answer.plain, (dict, list))
 
 
@@ -91,7 +88,7 @@ def test_the_screen_says_z_interval_check_and_step(found):
     for words in (f"Z = {z.real:.3f}{z.imag:+.3f}j", f"R {low.real:.3f} to", "Level check:", "next: "):
         assert words in text
     rows = answer.plain["rows"]
-    assert rows[0]["impedance"] == z
+    assert rows[0]["impedance"] == {"resistance": z.real, "reactance": z.imag}
     assert {row["averaging"] for row in rows} == {*AVERAGINGS, "reference", "in situ"}
 
 
@@ -167,14 +164,15 @@ def test_every_drawing_has_axes_and_units_and_leaves_our_style_to_us(found, tmp_
     for figure, words in ((along, "(mm)"), (curves.draw_velocity([made()]), "m s"), (maps.draw_map(found[0]), "(mm)")):
         assert words in " ".join(axis.get_xlabel() + axis.get_ylabel() for axis in figure.axes)
     names = {text.get_text() for text in along.legends[0].get_texts()}
-    assert {"reference", "in situ", "$y$ = 0.5 mm", "$y$ = 2.5 mm"} <= names
+    assert {"reference", "in situ", "y = 0.5 mm", "y = 2.5 mm"} <= names
     assert (tmp_path / "along.pdf").stat().st_size > 4000
     assert dict(matplotlib.rcParams) == before
 
 
 def test_an_averaging_has_one_colour_everywhere(found, liner):
     spectrum = tl.educe(made(), liner, [500.0, 1000.0, 1500.0])
-    drawn = [curves.draw_along_x(found[:1]), curves.draw_spectrum([spectrum]), draw_maps_over_height(found)]
+    (height,) = (each for each in answer_of(found).pictures if each.name == "height")
+    drawn = [curves.draw_along_x(found[:1]), curves.draw_spectrum([spectrum]), height.draw(None)]
     for figure in drawn:
         colours = {line.get_label().split(", ")[-1]: line.get_color() for line in figure.axes[0].lines}
         assert {name: colours[name] for name in AVERAGINGS} == COLOUR_OF
@@ -205,26 +203,17 @@ def test_a_phase_does_not_jump():
     assert level_and_phase(np.exp(1j * np.radians([-170.0])), np.array([185.0]))[1] == pytest.approx(190)
 
 
-def test_the_level_check_is_drawn_where_a_pressure_is_known(liner, tmp_path):
-    tone = torch.cos(2 * torch.pi * FREQUENCY * torch.arange(480) / RATE)
-    about = {"frequency": FREQUENCY, "incident_level": 120.0, "source_side": "normal"}
-    plane = plane_of(tone.expand(3, -1) + 0.1 * turbulence((3, 480)), **about)
-    result = tl.educe(plane, liner, [1000.0, FREQUENCY])
-    draw_pictures([result], [plane], tmp_path)
-    assert sorted(path.name for path in tmp_path.glob("level_check*")) == ["level_check.csv", "level_check.png"]
-    (axis,) = draw_level_check([result], None, 1).axes
-    assert (axis.get_xlabel(), len(axis.get_xticks())) == ("height not stated", 0)
-
-
 def test_pictures_of_a_run(liner, tmp_path):
-    two = [made(i, height=h, name=f"p{i}.h5", frequency=FREQUENCY) for i, h in enumerate((1e-3, 2e-3))]
+    """All of one set of frequencies in one figure of each kind; others have their own."""
+    two = [made(i, height=h, frequency=FREQUENCY) for i, h in enumerate((1e-3, 2e-3))]
     sweep = [1000.0 + 10 * i for i in range(10)] + [FREQUENCY]
     found = [tl.educe(plane, liner, sweep, averaging="velocity", interval=None) for plane in two]
-    draw_pictures([*found, tl.educe(made(2), liner, FREQUENCY)], [*two, made(2, name="p2.h5")], tmp_path)
+    answer_of(found, planes=two).write_pictures(tmp_path)
     names = {path.stem for path in tmp_path.glob("*.png")}
-    assert names == {"along_x", "spectrum", "height", "difference", "velocity", "map_p0", "map_p1"}
-    assert len([*tmp_path.glob("*")]) < 20
-    assert (tmp_path / "p2" / "along_x.png").exists()
+    assert names == {"along_x", "spectrum", "height", "difference", "velocity", "map", "map1"}
+    assert {path.stem for path in tmp_path.glob("*.csv")} == names
+    answer = answer_of([*found, tl.educe(made(2), liner, FREQUENCY)])
+    assert {"1000Hz_height", "1000Hz_along_x", "1400Hz_along_x"} <= {each.name for each in answer.pictures}
 
 
 # --- notebooks
@@ -284,8 +273,6 @@ def test_rule_table_covers_every_rule_once(liner):
     wanted = ("instantaneous", "kept", "given", "admittance")
     row = next(r for r in rows if (r.drive, r.mean, r.phase, r.averaging) == wanted)
     assert row.educed == pytest.approx(complex(stated.liner["admittance"].impedance[0]), abs=1e-12)
-    by_averaging = [row for row in rows if row.rule == DEFAULT]
-    assert all(f"{row.error:.4g}" in answer_of(rows).screen() for row in by_averaging)
 
 
 def test_reference_wave_phase_by_hand(liner):

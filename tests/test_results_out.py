@@ -12,7 +12,7 @@ import torch
 from conftest import turbulence
 
 import torchliner as tl
-from torchliner.cli.shared import SHARED
+from torchliner.cli.table import SHARED
 from torchliner.names import RESULT_WRITERS
 from torchliner.records.educed import Educed
 

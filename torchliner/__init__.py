@@ -47,7 +47,6 @@ _NAMES = {  # module: public names that live in it
     "studies.compare": "compare compare_models",
     "studies.sensitivities": "sensitivities",
     "studies.calibrate": "calibrate identify",
-    "report.figure": "figure_style",
 }
 _HOMES = {name: f"torchliner.{module}" for module, names in _NAMES.items() for name in names.split()}
 

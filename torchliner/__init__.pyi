@@ -76,7 +76,6 @@ from torchliner.records.incident import BandNoise as BandNoise
 from torchliner.records.incident import Recorded as Recorded
 from torchliner.records.incident import Sweep as Sweep
 from torchliner.records.incident import Tones as Tones
-from torchliner.report.figure import figure_style as figure_style
 from torchliner.studies.audit import audit as audit
 from torchliner.studies.calibrate import calibrate as calibrate
 from torchliner.studies.calibrate import identify as identify

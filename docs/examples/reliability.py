@@ -12,5 +12,3 @@ for row in tl.audit(plane, liner, interval=None).rows[:3]:
 print(tl.compare(found, tl.educe(plane, liner, phase="self-consistent")).rows[0])
 models = {"preset": liner, "wider": liner.with_numbers({"vena_contracta": 0.9})}
 print([(row.model, row.impedance) for row in tl.compare_models(plane, models).rows])
-with tl.figure_style("one"):
-    print(found.plot().get_size_inches())

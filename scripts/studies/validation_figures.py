@@ -9,7 +9,7 @@ import numpy as np
 
 from studies.limits import reach
 from torchliner.names import AVERAGINGS, PHASES
-from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, styled, subplots, typeset
+from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, styled, subplots
 from torchliner.studies.validation import DEFAULT, DRIVES
 from torchliner.studies.variants import Row
 
@@ -43,7 +43,7 @@ def draw_validation_errors(rows: Sequence[Row], path: Path) -> Figure:
         for i in range(0, len(places), 2 * len(AVERAGINGS)):  # every second case
             axis.axhspan(i - 0.5, i + len(AVERAGINGS) - 0.5, color="0.95", zorder=0)
         axis.set_xscale("symlog", linthresh=LINEAR, linscale=0.6)
-        axis.set_xticks([*TICKS, 0], [*(typeset(f"{tick:g}") for tick in TICKS), "0"])
+        axis.set_xticks([*TICKS, 0], [*(f"{tick:g}".replace("-", "\N{MINUS SIGN}") for tick in TICKS), "0"])
         axis.set(xlim=ends, ylim=(len(places) - 0.5, -0.5))
         axis.tick_params(axis="y", length=0)
         axis.set_xlabel(rf"$\Delta {name} = {name} - {name}_\mathrm{{ref}}$ ($\rho c$)")

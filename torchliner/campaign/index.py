@@ -1,5 +1,6 @@
-"""The index of a campaign, a row a unit and frequency as CSV, and the page that is made of it."""
+"""What a campaign leaves: a row per unit and frequency, as CSV of each unit and of all, and the page of all."""
 
+import cmath
 import csv
 import math
 from collections.abc import Mapping, Sequence
@@ -8,84 +9,73 @@ from types import SimpleNamespace
 from typing import Any
 
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.whole_file import writable
-from torchliner.names import __version__
+from torchliner.io.whole_file import printable, writable
 from torchliner.records.level_check import FAILS
 from torchliner.report.answer import Answer, Picture
-from torchliner.report.page import ENDING, shown, write_page
+from torchliner.report.page import ENDING, write_page
 from torchliner.report.studies import draw_cases
-from torchliner.report.table import Column, Table, format_bounds
+from torchliner.report.table import Row, Table, bounds_of, table_of
 
-Z = tuple(f"{part}{end}" for end in ("", "_low", "_high") for part in ("resistance", "reactance"))
-NUMBERS = ("height", "frequency", "notes", "seconds", *Z)  # all else is text
-COLUMNS = (
-    *("unit", "file", "height", "source_side", "liner", "choices", "averaging", "frequency"),
-    *Z,
-    *("level_check", "notes", "status", "error", "seconds", "hash", "campaign", "version"),
-)
+UNKNOWN = complex(math.nan, math.nan)
+EMPTY: Row = {  # a row of which nothing is known
+    **dict.fromkeys(("unit", "file", "liner", "choices", "averaging", "source_side"), ""),
+    **dict.fromkeys(("height", "frequency"), math.nan),
+    **dict.fromkeys(("impedance", "low", "high"), UNKNOWN),
+    **dict.fromkeys(("level_check", "status", "error", "hash", "campaign", "version"), ""),
+    **dict.fromkeys(("notes", "seconds"), math.nan),
+}
+COLUMNS = list(table_of([EMPTY]).as_rows()[0])  # of CSV
+PARTS = {complex: 2, float: 1}  # columns of a value
 DONE, FAILED = "done", "failed"
 MOST_DRAWN = 60  # cases
-Row = Mapping[str, Any]
 
 
-def full_row(**known: Any) -> dict[str, Any]:
-    """All columns, those not known as nan or an empty text."""
-    return {name: known.get(name, math.nan if name in NUMBERS else "") for name in COLUMNS}
+def full_row(**known: Any) -> Row:
+    """All values of a row."""
+    return EMPTY | {name: value for name, value in known.items() if value is not None}
 
 
-def index_table(rows: Sequence[Row]) -> Table:
-    """The chief columns; all of them in CSV."""
-    columns = [
-        Column("case", "unit"),
-        Column("y (mm)", "height", ".2f", 1e3),
-        Column("f (Hz)", "frequency", ".1f"),
-        Column("Z", _impedance),
-        Column("interval", _interval, format_bounds),
-        Column("level check", "level_check"),
-        Column("warnings", "notes", ".0f"),
-        Column("status", lambda row: row["error"] or row["status"]),
-    ]
-    return Table(rows, columns, COLUMNS)
+def index_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """All values in CSV, the chief ones in text."""
+    return table_of(rows, "unit,height,frequency,impedance,interval,level_check,notes,status,error")
 
 
-def _impedance(row: Row, end: str = "") -> complex | None:
-    """Z of a row, or an end of its interval, ``_low`` or ``_high``; None where there is none."""
-    found = complex(row[f"resistance{end}"], row[f"reactance{end}"])
-    return None if math.isnan(found.real) else found
+def write_index(rows: Sequence[Row], path: Path) -> None:
+    """As CSV; what is not known stays empty."""
+    flat = [{k: v if v == v else None for k, v in row.items()} for row in table_of(rows).as_rows()]
+    write_rows(flat or [dict.fromkeys(COLUMNS)], path)
 
 
-def _interval(row: Row) -> tuple[complex, complex] | None:
-    low, high = _impedance(row, "_low"), _impedance(row, "_high")
-    return None if low is None or high is None else (low, high)
-
-
-def write_index(rows: Sequence[Row], folder: Path, title: str) -> None:
-    """``index.csv`` of a folder; what is not known stays empty."""
-    about = {"campaign": title, "version": __version__}
-    known = [{name: value if value == value else None for name, value in {**row, **about}.items()} for row in rows]
-    write_rows(known or [dict.fromkeys(COLUMNS)], folder / "index.csv")
-
-
-def read_index(folder: Path) -> list[dict[str, Any]]:
-    """Rows of ``index.csv`` in a folder; none where there is none.
+def read_index(path: Path) -> list[Row]:
+    """What ``write_index`` wrote; none where there is no file.
 
     Raises:
         ValueError: that of another version of this package, or a damaged one.
     """
-    path = folder / "index.csv"
     if not path.exists():
         return []
     with path.open(newline="", encoding="utf-8", errors="replace") as file:
         reader = csv.DictReader(file)
-        if reader.fieldnames != [*COLUMNS]:
+        if reader.fieldnames != COLUMNS:
             raise ValueError(
                 f"{path} is no index of this version: its columns are {', '.join(reader.fieldnames or ())[:200]}; name "
                 "another --output, or take the torchliner that wrote it"
             )
         try:
-            return [{k: float(row[k] or "nan") if k in NUMBERS else row[k] for k in COLUMNS} for row in reader]
+            return [_row_of(row) for row in reader]
         except (ValueError, TypeError, csv.Error) as error:
             raise ValueError(f"{path} is damaged: {error}; run the campaign again") from error
+
+
+def _row_of(line: Mapping[str, str]) -> Row:
+    """The values of a line of CSV."""
+    values, row = iter(line.values()), Row()
+    for name, empty in EMPTY.items():
+        if isinstance(empty, str):
+            row[name] = (next(values) or "").removeprefix("'")  # which spreadsheets need
+        else:
+            row[name] = type(empty)(*(float(next(values) or "nan") for _ in range(PARTS[type(empty)])))
+    return row
 
 
 def report_campaign(folder: Path, output: Path) -> Answer:
@@ -95,35 +85,31 @@ def report_campaign(folder: Path, output: Path) -> Answer:
         ImportError: jinja2 or matplotlib is not installed.
         OSError, ValueError: no campaign; an output that cannot be written.
     """
-    rows = sorted(read_index(folder), key=lambda row: (row["unit"], row["frequency"]))
+    rows = sorted(read_index(folder / "index.csv"), key=lambda row: (row["unit"], row["frequency"]))
     if not rows:
         raise ValueError(f"{folder} holds no index.csv; it is the folder of no campaign (torchliner run writes one)")
     writable(output, ENDING)
     done = [row for row in rows if row["status"] == DONE]
     failed = {row["unit"]: row["error"] for row in rows if row["status"] != DONE}
-    fails = [row for row in done if str(row["level_check"]).endswith(FAILS)]
-    units = {row["unit"] for row in rows}
+    fails = [row for row in done if row["level_check"].endswith(FAILS)]
+    known = [row["impedance"] for row in done if cmath.isfinite(row["impedance"])]
     ranges = [
-        f"{part} from {min(known):.3f} to {max(known):.3f}"
-        for part in ("resistance", "reactance")
-        if (known := [row[part] for row in done if math.isfinite(row[part])])
+        f"{name} from {min(values):.3f} to {max(values):.3f}"
+        for name, part in (("resistance", "real"), ("reactance", "imag"))
+        if (values := [getattr(z, part) for z in known])
     ]
-    notes = [f"{unit}: failed: {shown(error)}" for unit, error in failed.items()]
+    notes = [f"{unit}: failed: {printable(error)}" for unit, error in failed.items()]
     notes += [f"level check at {r['frequency']:g} Hz fails, {r['unit']}: {r['level_check']}" for r in fails]
     notes += [f"warnings in the map of {row['unit']}: {int(row['notes'])}" for row in done if row["notes"] > 0]
     first = [*{row["unit"]: row for row in reversed(done)}.values()][::-1][:MOST_DRAWN]
-    ends = [_interval(row) or (None, None) for row in first]
-    dots = [
-        {"name": row["unit"], "impedance": _impedance(row), "low": low, "high": high}
-        for row, (low, high) in zip(first, ends, strict=True)
-    ]
+    ends = [bounds_of(row) or (None, None) for row in first]
+    drawn = [{**row, "name": row["unit"], "low": a, "high": b} for row, (a, b) in zip(first, ends, strict=True)]
     caption = "R and X over ρc of each case at its first frequency, with its interval."
-    picture = Picture("cases", caption, lambda path: draw_cases(dots, path), lambda: index_table(first).as_rows())
+    count = len({row["unit"] for row in rows})
     answer = Answer(
         title=f"Campaign: {rows[0]['campaign'] or folder.name}",
         lines=[
-            f"{len(units)} cases, {len(units) - len(failed)} done and {len(failed)} failed: "
-            f"{'; '.join(ranges)} over ρc.",
+            f"{count} cases, {count - len(failed)} done and {len(failed)} failed: {'; '.join(ranges)} over ρc.",
             f"The level check fails in {len(fails)} of {sum(bool(row['level_check']) for row in done)} rows in which a "
             "pressure is known.",
         ],
@@ -131,7 +117,7 @@ def report_campaign(folder: Path, output: Path) -> Answer:
         caption="A row a case and frequency, as in index.csv.",
         notes=notes,
         state=FAILS if fails else "",
-        pictures=[picture] if first else [],
+        pictures=[Picture("cases", caption, lambda path: draw_cases(drawn, path), lambda: first)] if first else [],
         results=[SimpleNamespace(choices={"version": rows[0]["version"]})],
         source=folder / "index.csv",
     )

@@ -26,7 +26,7 @@ from torchliner.engine.moments import SETTINGS, Moments
 from torchliner.io.microphone_file import read_pressure
 from torchliner.io.moments_file import holds_moments, read_moments
 from torchliner.io.planes import read_plane
-from torchliner.io.whole_file import locked, printable, writable_folder, written_whole
+from torchliner.io.whole_file import locked, printable, writable_folder
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
 from torchliner.names import __version__
@@ -34,9 +34,9 @@ from torchliner.pressure.dean import with_in_situ
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import input_file, with_choices
 from torchliner.records.velocity_plane import restated
+from torchliner.report.answer import answer_of
 from torchliner.report.curves import impedance_along_x
-from torchliner.report.of_map import draw_pictures
-from torchliner.report.table import table_of
+from torchliner.report.table import Row, table_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe, moments
 from torchliner.velocity.reading import Progress
@@ -45,7 +45,7 @@ READS = "reads data"
 MOST_PLANES = 32  # whose blocks are under way at once
 FOLDERS = ("moments", "maps", "lines", "units", "figures")  # of the results
 REDUCED = (*SETTINGS, "device", "dtype")  # choices that moments are made with
-Rows = list[dict[str, Any]]
+Rows = list[Row]
 
 
 @dataclass(frozen=True)
@@ -81,17 +81,16 @@ class Unit:
         """One of its files."""
         return self.campaign.output / folder / f"{self.name}{ending}"
 
-    def row(self, **known: Any) -> dict[str, Any]:
+    def row(self, **known: Any) -> Row:
         """Of the index."""
         about = {"unit": self.name, "file": self.case.shown, "liner": Path(self.liner).stem, "hash": self.hash}
-        about["choices"] = json.dumps(self.choices, sort_keys=True)
-        return full_row(**about, **{key: value for key, value in known.items() if value is not None})
+        return full_row(**about, choices=json.dumps(self.choices, sort_keys=True), **known)
 
     def kept_rows(self) -> Rows | None:
         """Of the index, if they are there, and those of this unit as it is now."""
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            rows = [full_row(**row) for row in json.loads(self.result("units", ".json").read_text("utf-8"))]
-            if self.result("maps", ".h5").exists() and all(row["hash"] == self.hash for row in rows):
+        with contextlib.suppress(OSError, ValueError):
+            rows = read_index(self.result("units", ".csv"))
+            if rows and self.result("maps", ".h5").exists() and all(row["hash"] == self.hash for row in rows):
                 return rows
         return None
 
@@ -118,7 +117,7 @@ def plan(campaign: Campaign) -> Plan:
     for folder in (output / name for name in FOLDERS):
         if not folder.resolve().is_relative_to(output.resolve()):
             raise ValueError(f"{folder} leads out of {output}, to {folder.resolve()}; remove the link")
-    read_index(output)
+    read_index(output / "index.csv")
     units, failed = dict[str, tuple[Unit, str]](), Rows()
     for case in campaign.cases:
         try:
@@ -169,7 +168,8 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
         for parts in campaign.output.glob("moments/*.parts"):  # of other choices, or left by a killed run
             if parts.with_suffix(".h5") not in found.to_read:
                 shutil.rmtree(parts, ignore_errors=True)
-        write_index(rows, campaign.output, campaign.title)
+        rows = [row | {"campaign": campaign.title, "version": __version__} for row in rows]
+        write_index(rows, campaign.output / "index.csv")
         return rows
 
 
@@ -204,16 +204,13 @@ def _educed(unit: Unit) -> Rows:
     rows = []
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
         table_of(impedance_along_x(found, i)).write_csv(unit.result("lines", f"_{f:.10g}Hz.csv"))
-        values = {"": z} | dict(zip(("_low", "_high"), found.bounds_of_liner(found.averaging, i) or (), strict=False))
-        parts = {f"resistance{end}": value.real for end, value in values.items()}
-        parts |= {f"reactance{end}": value.imag for end, value in values.items()}
+        low, high = found.bounds_of_liner(found.averaging, i) or (None, None)
         check = "" if found.level_check is None else found.level_check.words(found.averaging, i).removesuffix("-")
-        rows.append(unit.row(frequency=f, level_check=check, **parts, **about))
+        rows.append(unit.row(frequency=f, impedance=z, low=low, high=high, level_check=check, **about))
     if unit.campaign.figures:
-        draw_pictures([found], [known.plane], output / "figures" / unit.name)
+        answer_of(found).write_pictures(output / "figures" / unit.name)
     rows = [row | {"seconds": round(time.perf_counter() - start, 3)} for row in rows]
-    with written_whole(unit.result("units", ".json")) as temporary:
-        temporary.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    write_index(rows, unit.result("units", ".csv"))
     return rows
 
 

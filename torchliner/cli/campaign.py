@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> int:
     with open_cluster(options.cluster, options.wait) as client, progress_bar(total, options) as step:
         rows = run_campaign(campaign, client=client, progress=step)
     words = f"{index_table(rows).as_text()}\n{summary}\nresults in {campaign.output}, index.csv"
-    show(options, told(words, rows), lambda _: None)
+    show(options, told(words, index_table(rows).as_rows()), lambda _: None)
     return int(any(row["status"] == FAILED for row in rows))
 
 

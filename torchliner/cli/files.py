@@ -1,10 +1,8 @@
-"""Commands for files of planes: demo, info, convert, reduce."""
+"""Commands for files of planes: info, convert, reduce."""
 
 import argparse
-import shlex
 from dataclasses import replace
-from importlib import resources
-from importlib.util import find_spec
+from functools import partial
 from typing import Any
 
 import torchliner as tl
@@ -23,24 +21,9 @@ from torchliner.cli.work import (
 from torchliner.io.plane_writer import write_plane
 from torchliner.io.planes import format_of, paths_of
 from torchliner.records.notes import plane_notes
-from torchliner.report.curves import draw_velocity
+from torchliner.report.answer import Picture
+from torchliner.report.curves import draw_velocity, velocity_along_x
 from torchliner.report.inspection import inspect_moments, inspect_plane
-
-DEMO_PLANES = ("slit_n130_y0.5mm.h5", "slit_n130_y2.5mm.h5")
-
-
-def demo(options: argparse.Namespace) -> int:
-    """Educe two planes that come with the program."""
-    from torchliner.cli.main import main
-
-    with resources.as_file(resources.files("torchliner").joinpath("demo_planes")) as folder:
-        words = ["educe", *(str(folder / name) for name in DEMO_PLANES)]
-        if options.folder is not None:
-            words += ["-o", str(options.folder)]
-            words += ["--figure", str(options.folder)] if find_spec("matplotlib") is not None else []
-        print("A slit liner under 130 dB without flow, at 0.5 and 2.5 mm, from a simulation that resolves its holes.")
-        print(f"$ torchliner {shlex.join(words)}\n", flush=True)
-        return main([*words, "--quiet"])
 
 
 def info(options: argparse.Namespace) -> int:
@@ -55,8 +38,9 @@ def info(options: argparse.Namespace) -> int:
         found = inspect_moments(plane)
     facts = found.facts | {"not stated": ", ".join(found.missing) or None}
     checks = [f"check failed: {each}" for each in found.failures] or ["all checks passed"]
-    plain = {"facts": found.facts, "failures": found.failures, "missing": found.missing}
-    show(options, told(facts_text(facts), plain, *checks), draw=lambda path: draw_velocity(planes_of([plane]), path))
+    (stated,) = planes_of([plane])
+    picture = Picture("velocity", "Velocity along x.", partial(draw_velocity, stated), lambda: velocity_along_x(stated))
+    show(options, told(facts_text(facts), found._asdict(), *checks, pictures=[picture]))
     return int(bool(found.failures))
 
 

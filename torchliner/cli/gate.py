@@ -31,68 +31,57 @@ def passed(command: str, declared: Sequence[Option], options: argparse.Namespace
         OSError: an input is missing or a device; an output cannot be written.
         ImportError: a figure is asked for, and matplotlib is not there.
     """
-    given: list[tuple[Option, Kind, Any]] = []
-    for each in declared:
-        value = getattr(options, each.dest, None)
-        if isinstance(each.kind, Kind) and each.kind.part and value is not None:
-            given += [(each, each.kind, one) for one in (value if isinstance(value, list) else [value])]
+    given = [
+        (each, each.kind, one)
+        for each in declared
+        if isinstance(each.kind, Kind) and each.kind.part and (value := getattr(options, each.dest, None)) is not None
+        for one in (value if isinstance(value, list) else [value])
+    ]
     named: dict[Any, str] = {}
     for each, kind, value in given:
         name = str(value).partition(":")[0] if each.dest in ("x", "z") else str(value)  # FILE:VARIABLE
-        if kind.part == "read":
-            if (each.dest, identity(value)) in named:
-                raise ValueError(f"{value} is named twice; name it once")
-            named[each.dest, identity(value)] = name
-        if kind.part == "named" and Path(name).suffix.lower() in OWN_FILES:
-            named[each.dest, name] = name
-    files = [Path(found) for name in named.values() for found in _matching(name)]
-    for path in files:
-        require_input(path)
-    inside = [each for path in files if path.is_dir() for each in path.iterdir()]
-    with inputs_kept([*files, *inside]):
+        if kind.part == "read" and (each.dest, identity(value)) in named:
+            raise ValueError(f"{value} is named twice; name it once")
+        if kind.part == "read" or (kind.part == "named" and Path(name).suffix.lower() in OWN_FILES):
+            named[each.dest, identity(name)] = name
+    files = [found for name in named.values() for found in _inputs(name)]
+    with inputs_kept([*files, *(each for path in files if path.is_dir() for each in path.iterdir())]):
         outputs: dict[Any, str] = {}
         for each, kind, path in given:
-            if kind.part == "written":
-                setattr(
-                    options, each.dest, path := _output(path, kind, command if each.dest == "output" else each.dest)
-                )
-            elif kind.part == "folder":
-                writable_folder(path)
-            else:
+            if kind.part in ("read", "named"):
                 continue
-            if each.flag in ("--figure", "--field"):
+            if kind.part == "drawn":
                 from torchliner.report.figure import require_matplotlib
 
                 require_matplotlib()
+            if kind.part == "folder" or not path.suffix:
+                writable_folder(path)
+            if kind.part == "written" and not path.suffix:
+                path.mkdir(parents=True, exist_ok=True)
+                path /= f"{command.split()[0] if each.dest == 'output' else each.dest}{kind.endings[0]}"
+                setattr(options, each.dest, path)
+            if kind.part != "folder" and path.suffix:
+                writable(path)
+                require_ending(path, kind.endings)
             if (other := outputs.setdefault(identity(path), each.flag)) != each.flag:
                 raise ValueError(f"{each.flag} {path} is another output, that of {other}; name another file")
         yield [*named.values()]
 
 
-def _output(path: Path, kind: Kind, name: str) -> Path:
-    """A file that can be written: the path, or a file of that name in the folder that it is."""
-    if not path.suffix:
-        writable_folder(path)
-        path.mkdir(parents=True, exist_ok=True)
-        path /= f"{name.split()[0]}{kind.endings[0]}"
-    writable(path)
-    require_ending(path, kind.endings)
-    return path
+def _inputs(name: str) -> list[Path]:
+    """The file or folder of that name, or the files that a pattern stands for.
 
+    Raises:
+        OSError: what is not there, with the nearest name; what is neither a file nor a folder.
+    """
+    from torchliner.file_checks import require_regular
 
-def _matching(name: str) -> list[str]:
-    """The file of that name, or those that a pattern stands for; the name itself if none does."""
-    return [name] if os.path.lexists(name) else sorted(glob.glob(name, recursive=True)) or [name]
-
-
-def require_input(path: Path) -> None:
-    """Refuse what is not there, with the nearest name, and what is neither a file nor a folder."""
-    try:
-        path.stat()
-    except FileNotFoundError:
-        there = os.listdir(path.parent) if os.access(path.parent, os.R_OK) else []
-        raise FileNotFoundError(f"{path}: no such file{did_you_mean(path.name, there, 0.7)}") from None
-    except (OSError, ValueError) as error:  # ValueError: a name with a null byte
-        raise OSError(f"{path} cannot be read: {getattr(error, 'strerror', error)}") from error
-    if not (path.is_file() or path.is_dir()):
-        raise OSError(f"{path} is a device or a pipe; a file is needed")
+    found = [name] if os.path.lexists(name) else sorted(glob.glob(name, recursive=True)) or [name]
+    for path in map(Path, found):
+        try:
+            if not path.is_dir():
+                require_regular(path)
+        except FileNotFoundError as error:
+            there = os.listdir(path.parent) if os.access(path.parent, os.R_OK) else []
+            raise FileNotFoundError(f"{error}{did_you_mean(path.name, there, 0.7)}") from None
+    return [*map(Path, found)]

@@ -4,7 +4,6 @@ import sys
 
 try:
     import io
-    import re
     import signal
     import threading
     import traceback
@@ -31,7 +30,6 @@ DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
 NO_MEMORY = ("can't allocate memory", "out of memory", "Unable to allocate")
 PLANNED = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)  # by libraries
-NUMBERS = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 WARNINGS_SHOWN = 3  # without --verbose
 
 
@@ -102,32 +100,27 @@ def error_text(error: Exception, inputs: Sequence[str]) -> str:
         return f"{lead}not enough memory: {text}; take fewer probes or samples"
     if isinstance(error, EXPECTED) and not isinstance(error, RecursionError):
         return text
-    return (
-        f"{lead}{type(error).__name__}: {text.splitlines()[0]}; this is a fault of torchliner: please report it, with "
-        "the file and with what --debug prints"
-    )
+    fault = "this is a fault of torchliner: please report it, with the file and with what --debug prints"
+    return f"{lead}{type(error).__name__}: {text.splitlines()[0]}; {fault}"
 
 
 @contextmanager
 def warnings_on_stderr(parser: Parser, options: Namespace) -> Iterator[None]:
-    """Each warning once, but for its numbers, what moves Z most first: three, all with --verbose, none with --quiet."""
+    """Each warning once, what moves Z most first: three, all with --verbose, none with --quiet."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore" if options.quiet else "always")
         try:
             yield
         finally:
             sizes = {str(note): getattr(note, "size", None) for note in getattr(options, "notes", ())}  # of the result
-            seen: dict[str, str] = {}
-            for each in caught:
-                if not issubclass(each.category, PLANNED):
-                    seen.setdefault(re.sub(NUMBERS, "#", str(each.message)), str(each.message))
-            texts = sorted(seen.values(), key=lambda text: -(sizes.get(text) or 0.0))
-            shown = texts if options.verbose else texts[:WARNINGS_SHOWN]
+            texts = dict.fromkeys(str(each.message) for each in caught if not issubclass(each.category, PLANNED))
+            every = sorted(texts, key=lambda text: -(sizes.get(text) or 0.0))
+            shown = every if options.verbose else every[:WARNINGS_SHOWN]
             for text in shown:
                 lead = "" if sizes.get(text) is None else f" (may move Z by {sizes[text]:.2g})"
                 print(f"warning{lead}: {printable(parser.in_words(text))}", file=sys.stderr)
-            if len(texts) > len(shown):
-                print(f"warning: {len(texts) - len(shown)} more; --verbose prints them", file=sys.stderr)
+            if len(every) > len(shown):
+                print(f"warning: {len(every) - len(shown)} more; --verbose prints them", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import argparse
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,12 @@ from torchliner.io.result_writers import coefficients_of, plain_multipole
 from torchliner.liners.catalogue import preset_text
 from torchliner.names import WALL_METHODS, frequency_ends, resolve
 from torchliner.records.origin import origin_of, with_choices
-from torchliner.report.answer import answer_of
+from torchliner.report.answer import Answer, Picture, answer_of
 from torchliner.report.curves import draw_liner
 from torchliner.report.fields import draw_field
 from torchliner.report.of_duct import of_modes
 from torchliner.report.of_line import of_pressures
-from torchliner.report.table import format_complex
+from torchliner.report.table import table_of
 
 
 def insitu(options: argparse.Namespace) -> None:
@@ -33,13 +34,12 @@ def insitu(options: argparse.Namespace) -> None:
     pair: dict[str, Any] = {} if options.microphones is None else {"pair": tuple(options.microphones)}
     record = tl.read_pressure(options.record)
     answer, points = of_pressures(record, options.frequency, **options.chosen, **pair)
-    as_rows = options.output is None or options.output.suffix.lower() == ".csv"
-    if points is None and not (as_rows and options.figure is None):
-        raise ValueError(
-            f"{options.record} holds microphones alone: there is nothing along x to draw or to write; -o FILE.csv "
-            "writes the rows"
-        )
-    show(options, answer, None if as_rows or points is None else with_choices(points, command=options.typed).write)
+    if options.output is None or options.output.suffix.lower() == ".csv":
+        show(options, answer)
+    elif points is None:
+        raise ValueError(f"{options.record} holds microphones alone: -o FILE.csv writes the rows")
+    else:
+        show(options, answer, with_choices(points, command=options.typed).write)
 
 
 def kt(options: argparse.Namespace) -> None:
@@ -82,16 +82,17 @@ def liner(options: argparse.Namespace) -> None:
         facts["resonance_hz"] = model.resonance()  # type: ignore[attr-defined]
     low, high = model.frequency_range or (0.0, float("inf"))
     inside = [f for f in options.frequency or FREQUENCIES if low <= f <= high]
-    rows = [{"frequency": f, "speed": v, "impedance": complex(model.impedance(f, v))} for f in inside for v in speeds]
-    lines = ["Z, normalised by rho c, at |v| in m/s", "    f Hz" + "".join(f"{f'|v| = {v:g}':>18s}" for v in speeds)]
-    for f in inside:
-        values = (format_complex(row["impedance"]) for row in rows if row["frequency"] == f)
-        lines.append(f"{f:8.1f}" + "".join(f"{value:>18s}" for value in values))
-
-    def draw(path: Path) -> None:
-        draw_liner(model, speeds, f"liner model {Path(options.liner).stem}", path)
-
-    show(options, told("SI units", {"liner": facts, "table": rows}, facts_text(facts), *lines), draw=draw)
+    at = {f"{v:g} m/s": v for v in speeds}
+    rows = [{"frequency": f, "impedance": {k: complex(model.impedance(f, v)) for k, v in at.items()}} for f in inside]
+    title = f"liner model {Path(options.liner).stem}"
+    answer = Answer(
+        title=f"{title}, SI units; Z over rho c at |v| in m/s",
+        lines=[facts_text(facts)],
+        table=table_of(rows, "frequency" + "".join(f",impedance.{name}" for name in at)),
+        pictures=[Picture("liner", "R and X.", partial(draw_liner, model, speeds, title), lambda: rows)],
+        more={"liner": facts},
+    )
+    show(options, answer)
 
 
 def solve(options: argparse.Namespace) -> None:
@@ -161,11 +162,14 @@ def export(options: argparse.Namespace) -> None:
     """Poles and residues of a map, for solvers in the time domain."""
     model = tl.read_map(options.map).time_domain(**options.chosen)
     held = coefficients_of(model.poles, model.residues)
-    rows = [(a, b, c / 2, -d / 2) for a, b, c, d in held["complex_poles"]]
-    rows += [(a, 0.0, r, 0.0) for a, r in held["real_poles"]]
-    band = f"{model.band[0]:g} to {model.band[1]:g} Hz"
-    title = f"R = 1 + sum r/(s - p) from {band}: error in R at most {model.error:.2g}; stable and passive"
-    heads = ("-Re p, 1/s", "Im p, 1/s", "Re r, 1/s", "Im r, 1/s")
-    lines = ["Poles with Im p > 0 have a conjugate with the conjugate residue.", "".join(f"{h:>15}" for h in heads)]
-    lines += ["".join(f"{value:15.6g}" for value in row) for row in rows]
-    show(options, told(title, plain_multipole(model), *lines), model.write)
+    numbers = [(a, b, c / 2, -d / 2) for a, b, c, d in held["complex_poles"]]
+    numbers += [(a, 0.0, r, 0.0) for a, r in held["real_poles"]]
+    heads = ("-Re p (1/s)", "Im p (1/s)", "Re r (1/s)", "Im r (1/s)")
+    answer = Answer(
+        title=f"R = 1 + sum r/(s - p) from {model.band[0]:g} to {model.band[1]:g} Hz: error in R at most "
+        f"{model.error:.2g}; stable and passive",
+        lines=["Poles with Im p > 0 have a conjugate with the conjugate residue."],
+        table=table_of([dict(zip(heads, each, strict=True)) for each in numbers], ",".join(heads)),
+        more=plain_multipole(model),
+    )
+    show(options, answer, model.write)

@@ -22,6 +22,7 @@ from torchliner.names import did_you_mean, frequencies
 
 PACKAGE = Path(__file__).resolve().parents[1]
 CHOICES = "velocity.choices:Choices"
+BAD_INPUT = 2
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,9 @@ class Kind:
 
     metavar: str
     read: Callable[[str], Any] = str
-    part: str = ""  # "read"; "named": a file, or a name that is none; "written"; "folder": written
+    part: str = (
+        ""  # "read"; "named": a file, or a name that is none; "written"; "drawn": written, or a folder; "folder"
+    )
     endings: tuple[str, ...] = ()  # that an output may have
 
     def __call__(self, text: str) -> Any:
@@ -54,16 +57,46 @@ def number(text: str) -> float:
     return float(text)
 
 
+def bounds(text: str) -> dict[str, tuple[float, ...]]:
+    """Low and high by name; () of a name alone."""
+    found: dict[str, tuple[float, ...]] = {}
+    for each in text.split(","):
+        name, equals, ends = (part.strip() for part in each.partition("="))
+        found[name] = tuple(map(number, ends.split(":"))) if equals else ()
+        if len(found[name]) not in (0, 2):
+            raise ValueError(text)
+    return found
+
+
+def tolerance(text: str) -> tuple[str, str]:
+    """Name and half-width."""
+    name, value = text.split("=")
+    return name.strip(), value.strip()
+
+
+def reference(text: str) -> Any:
+    """A value, or a name."""
+    try:
+        return finite(text)
+    except ValueError:
+        return text
+
+
 TEXT, NUMBER, COMPLEX, COUNT = Kind("TEXT"), Kind("X", number), Kind("R+XJ", finite), Kind("N", int)
 LEVEL = Kind("LEVEL", lambda text: None if text.lower() == "none" else number(text))
+BOUNDS, TOLERANCES = Kind("NAME[=LOW:HIGH],...", bounds), Kind("NAME=VALUE", tolerance)
+REFERENCE = Kind("NAME or R+XJ", reference)
 WALL = Kind("R+XJ", lambda text: text if text == "rigid" else finite(text))
 FREQUENCIES = Kind("HZ or LOW:HIGH:STEP", frequencies)
 FILE, NAME = Kind("FILE", Path, "read"), Kind("NAME", part="named")
-PICTURE, FOLDER = Kind("PICTURE", Path, "written", PICTURES), Kind("FOLDER", Path, "folder")
+PICTURE, FOLDER = Kind("PICTURE", Path, "drawn", PICTURES), Kind("FOLDER", Path, "folder")
+BY_TYPE: dict[str, tuple[Kind | None, Any]] = {"float": (NUMBER, None), "int": (COUNT, None), "bool": (None, None)}
+BY_TYPE |= {"complex": (COMPLEX, None), "Sequence[float]": (NUMBER, "+"), "tuple[float, float]": (NUMBER, 2)}
+BY_NAME = {"background": NAME, "x": NAME, "z": NAME, "points": FILE, "interval": LEVEL}
+BY_NAME["reference_phase"] = NUMBER
 
 
-@dataclass(frozen=True)
-class Option:
+class Option(NamedTuple):
     """An option, "--mach", or an argument, "planes"."""
 
     flag: str
@@ -81,31 +114,30 @@ class Option:
         """The attribute, or the key, that it sets."""
         return self.flag.removeprefix("--").replace("-", "_")
 
-    def settings(self) -> dict[str, Any]:
-        """What ``add_argument`` takes."""
-        if self.kind is None:
-            return {"action": "store_true", "default": argparse.SUPPRESS if self.to else False}
+    def add(self, parser: Any) -> None:
+        """To a parser or a group of one."""
+        flags = ["-o", self.flag] if self.flag == "--output" else [self.flag]
         default = argparse.SUPPRESS if self.to else [] if self.many else self.default
-        found: dict[str, Any] = {"nargs": self.nargs, "default": default}
-        if isinstance(self.kind, Kind):
+        about: dict[str, Any] = {"help": self.text.replace("%", "%%"), "default": default}
+        if self.kind is None:
+            about |= {"action": "store_true", "default": default or False}
+        elif isinstance(self.kind, Kind):
             name = self.kind.metavar.split()[0] if self.flag[:1] == "-" else self.dest.upper()
-            found |= {"type": self.kind, "metavar": name}
+            about |= {"nargs": self.nargs, "type": self.kind, "metavar": name}
         else:
-            found["choices"] = list(self.kind)
-        if self.flag.startswith("--"):
-            found["required"] = self.required
-            found["action"] = "append" if self.many else "store"
-        return found
+            about |= {"nargs": self.nargs, "choices": list(self.kind)}
+        if self.flag[:1] == "-" and self.kind is not None:
+            about |= {"required": self.required, "action": "append" if self.many else "store"}
+        parser.add_argument(*flags, **about)
 
 
-@dataclass(frozen=True)
-class Of:
+class Of(NamedTuple):
     """Options that are parameters of a function, or fields of a dataclass."""
 
     home: str  # module and name, "velocity.educe:educe"
     wanted: str  # names of parameters
     group: str = ""
-    kinds: Mapping[str, Any] | None = None  # of parameters whose annotation does not tell it, by name
+    kinds: Mapping[str, Any] = {}  # of parameters whose annotation does not tell it, by name
     to: str = "chosen"
 
     def options(self) -> list[Option]:
@@ -120,7 +152,7 @@ class Of:
         # What it can be stands in ``names``, in the plural: phase, PHASES.
         listed = getattr(names, f"{name}s".upper(), None) or getattr(names, name.upper(), None)
         by_type, nargs = BY_TYPE.get(annotation.split(" | ")[0], (TEXT, None))
-        kind = (self.kinds or {}).get(name) or BY_NAME.get(name) or listed or by_type
+        kind = self.kinds.get(name) or BY_NAME.get(name) or listed or by_type
         nargs = "+" if name == "background" else nargs if isinstance(kind, Kind) else None
         return Option(f"--{name.replace('_', '-')}", text, kind, nargs, group=self.group, to=self.to)
 
@@ -135,12 +167,6 @@ class Command(NamedTuple):
     def summary(self) -> str:
         """First line of the function's docstring."""
         return str(ast.get_docstring(definition(f"cli.{self.home}"))).split(".\n")[0].rstrip(".")
-
-
-BY_TYPE: dict[str, tuple[Kind | None, Any]] = {"float": (NUMBER, None), "int": (COUNT, None), "bool": (None, None)}
-BY_TYPE |= {"complex": (COMPLEX, None), "Sequence[float]": (NUMBER, "+"), "tuple[float, float]": (NUMBER, 2)}
-BY_NAME = {"background": NAME, "x": NAME, "z": NAME, "points": FILE, "interval": LEVEL}
-BY_NAME["reference_phase"] = NUMBER
 
 
 @cache
@@ -161,41 +187,34 @@ def definition(home: str) -> Any:
 @cache
 def parameters(home: str) -> dict[str, tuple[str, Any, str]]:
     """Annotation, default and text of each parameter of a function or method, or field of a dataclass."""
-    node, body = definition(home), parsed(home.partition(":")[0]).body
-    constants = {ast.unparse(n.targets[0]): n.value for n in body if isinstance(n, ast.Assign)}
-    pairs: dict[str, tuple[Any, Any]] = {}
+    node, found = definition(home), dict[str, tuple[Any, Any]]()
     if isinstance(node, ast.ClassDef):
-        pairs = {ast.unparse(n.target): (n.annotation, n.value) for n in node.body if isinstance(n, ast.AnnAssign)}
+        found = {ast.unparse(n.target): (n.annotation, n.value) for n in node.body if isinstance(n, ast.AnnAssign)}
     else:
         usual, keywords = node.args.args, node.args.kwonlyargs
         values = [None] * (len(usual) - len(node.args.defaults)) + node.args.defaults + node.args.kw_defaults
-        pairs = {a.arg: (a.annotation, v) for a, v in zip([*usual, *keywords], values, strict=True) if a.annotation}
-    texts = _texts(ast.get_docstring(node) or "")
-    return {
-        name: (ast.unparse(annotation), _value(default, constants), texts.get(name, ""))
-        for name, (annotation, default) in pairs.items()
-    }
-
-
-def _value(default: ast.expr | None, constants: dict[str, ast.expr]) -> Any:
-    """A literal, or a constant of the module; None for all else."""
-    if isinstance(default, ast.Name):
-        default = constants.get(default.id)
-    try:
-        return None if default is None else ast.literal_eval(default)
-    except ValueError:
-        return None
-
-
-def _texts(docstring: str) -> dict[str, str]:
-    """What Args says of each parameter; names before one colon share a text."""
-    section = re.search(r"^Args:\n((?: +.*\n)+)", docstring + "\n", re.MULTILINE)
-    found = {}
+        found = {a.arg: (a.annotation, v) for a, v in zip([*usual, *keywords], values, strict=True) if a.annotation}
+    # What Args says; names before one colon share a text.
+    section = re.search(r"^Args:\n((?: +.*\n)+)", f"{ast.get_docstring(node)}\n", re.MULTILINE)
+    texts = dict[str, str]()
     for entry in re.split(r"\n(?=    \S)", section[1].rstrip() if section else ""):
         known, _, text = entry.partition(": ")
         text = " ".join(text.split()).rstrip(".").replace("``", "")
-        found.update(dict.fromkeys(known.replace(",", " ").split(), text))
-    return found
+        texts.update(dict.fromkeys(known.replace(",", " ").split(), text))
+    module = home.partition(":")[0]
+    return {name: (ast.unparse(kind), _literal(v, module), texts.get(name, "")) for name, (kind, v) in found.items()}
+
+
+def _literal(default: ast.expr | None, module: str) -> Any:
+    """The value of a literal, or of a constant of the module; None of all else."""
+    for node in parsed(module).body:
+        if (
+            isinstance(default, ast.Name)
+            and isinstance(node, ast.Assign)
+            and default.id == ast.unparse(node.targets[0])
+        ):
+            default = node.value
+    return default.value if isinstance(default, ast.Constant) else None
 
 
 def spelled(keys: Iterable[str]) -> str:
@@ -203,7 +222,6 @@ def spelled(keys: Iterable[str]) -> str:
     return ", ".join(f"--{key.replace('_', '-')}" for key in keys)
 
 
-BAD_INPUT = 2
 PRINTING = (
     Option("--json", "print JSON instead of a table"),
     Option("--verbose", "print all there is, and every warning"),
@@ -226,11 +244,9 @@ class Parser(argparse.ArgumentParser):
         for each in self.options:
             if each.group not in groups:
                 groups[each.group] = self.add_argument_group(each.group)
-            flags = ["-o", each.flag] if each.flag == "--output" else [each.flag]
-            groups[each.group].add_argument(*flags, help=each.text.replace("%", "%%"), **each.settings())
+            each.add(groups[each.group])
         needed = [each for each in self.options if each.required or each.flag[:1] != "-"]
-        words = [each.flag if each.required else each.dest.upper() for each in needed]
-        words = [f"{a} ..." if b.nargs == "+" or b.required else a for a, b in zip(words, needed, strict=True)]
+        words = [each.flag if each.required else each.dest.upper() + " ..." * (each.nargs == "+") for each in needed]
         self.usage = " ".join([self.prog, "[options]", *words])
 
     def parse(self, words: list[str]) -> argparse.Namespace:

@@ -6,7 +6,6 @@ from typing import Any
 
 import torchliner as tl
 from torchliner.cli.work import (
-    liners_of,
     only_liner,
     progress_bar,
     read_planes,
@@ -16,13 +15,10 @@ from torchliner.cli.work import (
     write_text,
 )
 from torchliner.liners.catalogue import liner_text
-from torchliner.report.answer import answer_of
-from torchliner.report.curves import draw_comparison
 from torchliner.studies.calibrate import AVERAGING, NOISE, calibrate_without_flow, with_flow
 from torchliner.studies.fit import OUTSIDE
 from torchliner.studies.heights import study_heights
 from torchliner.studies.laws import bounds_for
-from torchliner.studies.validation import validate as validate_plane
 from torchliner.studies.variants import Row
 
 CURVE = "curve"
@@ -43,13 +39,13 @@ def height(options: argparse.Namespace) -> None:
     liner = only_liner(options, records, options.planes)
     with progress_bar(len(records), options, "height") as step:
         found = study_heights(records, liner, options.frequency, progress=step, **options.chosen)
-    show(options, found, draw=answer_of(found).write_pictures)
+    show(options, found)
 
 
 def compare(options: argparse.Namespace) -> None:
     """Difference of two maps, by cell and for the liner."""
     found = tl.compare(tl.read_map(options.first), tl.read_map(options.second), **options.chosen)
-    show(options, found, draw=lambda path: draw_comparison(found, path))
+    show(options, found)
 
 
 def compare_models(options: argparse.Namespace) -> None:
@@ -65,22 +61,9 @@ def compare_models(options: argparse.Namespace) -> None:
     show(options, found)
 
 
-def validate(options: argparse.Namespace) -> None:
-    """Every rule beside the reference impedance of resolved cases."""
-    planes = read_planes(options.planes, options, lazy=False)
-    liners, rows = liners_of(options, planes, options.planes), list[Row]()
-    with progress_bar(len(planes), options, "plane") as step:
-        for plane, liner in zip(planes, liners, strict=True):
-            rows += validate_plane(plane, liner)
-            if step is not None:
-                step(1)
-    show(options, rows)
-
-
 def sensitivity(options: argparse.Namespace) -> None:
     """Change of Z with each parameter of a liner; tolerances."""
-    tolerances = {key: "".join(value) for key, value in _pairs(options.tolerance, "tolerance", str).items()}
-    records = read_records([options.plane], options)
+    records, tolerances = read_records([options.plane], options), dict(options.tolerance)
     liner = only_liner(options, records, [options.plane])
     wanted = options.parameters or [*tolerances] or None
     with progress_bar(samples_of(records), options) as step:
@@ -94,8 +77,8 @@ def calibrate(options: argparse.Namespace) -> int:
 
     Exit code 1 if one is on a bound or unseen.
     """
-    known, predicted, liner = _planes(options)
-    references, free = _references(options.reference), _bounds(options.free, liner)
+    known, predicted, liner, references = _planes(options)
+    free = {name: ends for each in options.free for name, ends in _bounds(each, liner).items()}
     averaging = options.averaging or ("velocity" if free else AVERAGING)
     chosen, words, how = options.chosen | {"averaging": averaging}, "", "calibrated"
     if free:
@@ -116,21 +99,22 @@ def identify(options: argparse.Namespace) -> int:
 
     Exit code 1 if a parameter is on a bound or unseen, or a prediction leaves the speeds of the runs.
     """
-    known, predicted, liner = _planes(options)
-    models = [text if text == CURVE else _bounds(text.split(","), with_flow(liner)) for text in options.free]
+    known, predicted, liner, references = _planes(options)
+    models = [CURVE if [*each] == [CURVE] else _bounds(each, with_flow(liner)) for each in options.free]
     about = {"models": models or [CURVE], "noise": options.noise, "frequency": options.frequency}
-    found = tl.identify(known, liner, _references(options.reference), **about, **options.chosen)
+    found = tl.identify(known, liner, references, **about, **options.chosen)
     fit = found.fit
     rows = _predicted(fit, predicted, options)
     show(options, found, lambda path: _write(fit, liner.name, "identified", path, options), predicted=rows)
     return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
 
 
-def _planes(options: argparse.Namespace) -> tuple[list[Any], list[Any], Any]:
-    """The planes to fit and those to predict, and the one liner of all."""
-    paths, count = [*options.planes, *options.predict], len(options.planes)
+def _planes(options: argparse.Namespace) -> tuple[list[Any], list[Any], Any, Any]:
+    """The planes to fit and those to predict, the one liner of all, and the references: one name, or values."""
+    paths, count, (first, *others) = [*options.planes, *options.predict], len(options.planes), options.reference
     both = read_records(paths, options)
-    return both[:count], both[count:], only_liner(options, both, paths)
+    named = first if isinstance(first, str) and not others else options.reference
+    return both[:count], both[count:], only_liner(options, both, paths), named
 
 
 def _predicted(found: Any, records: list[Any], options: Any, noise: float = 0.0) -> list[Any]:
@@ -140,40 +124,10 @@ def _predicted(found: Any, records: list[Any], options: Any, noise: float = 0.0)
     return [Row(row, label=path.stem) for path, each in labelled for row in found.predict(each, **about)]
 
 
-def _pairs(texts: list[str], option: str, read: Any = float) -> dict[str, tuple[Any, ...]]:
-    """NAME=VALUE or NAME=LOW:HIGH by name; a name alone has no values."""
-    found: dict[str, tuple[Any, ...]] = {}
-    for text in texts:
-        name, equals, values = (part.strip() for part in text.partition("="))
-        try:
-            value = tuple(read(part) for part in values.split(":")) if equals else ()
-            if name in found or len(value) not in ((1,) if read is str else (0, 2)):
-                raise ValueError
-        except ValueError:
-            form = "NAME=VALUE" if read is str else "NAME=LOW:HIGH in SI units"
-            raise ValueError(f"--{option} {text!r} cannot be read; write {form}, each name once") from None
-        found[name] = value
-    return found
-
-
-def _references(texts: list[str]) -> Any:
-    """One name, or a value each."""
-    try:
-        return [complex(text) for text in texts]
-    except ValueError:
-        if len(texts) == 1:
-            return texts[0]
-        wrong = " ".join(texts)
-        raise ValueError(f"--reference {wrong} cannot be read; one name, or numbers such as 0.168-0.066j") from None
-
-
-def _bounds(texts: list[str], liner: Any) -> dict[str, tuple[float, float]]:
-    """From NAME=LOW:HIGH, or names alone, which have usual bounds."""
-    found: dict[str, Any] = {}
-    for name, ends in _pairs(texts, "free").items():
-        usual = bounds_for([name], liner)
-        found |= dict.fromkeys(usual, ends) if ends else usual
-    return found
+def _bounds(stated: dict[str, tuple[float, float]], liner: Any) -> dict[str, tuple[float, float]]:
+    """As stated, or usual ones of a name alone."""
+    usual = {name: bounds_for([name], liner) for name in stated}
+    return {part: stated[name] or ends for name, parts in usual.items() for part, ends in parts.items()}
 
 
 def _write(found: Any, name: str, how: str, path: Path, options: argparse.Namespace) -> None:
@@ -182,6 +136,6 @@ def _write(found: Any, name: str, how: str, path: Path, options: argparse.Namesp
     words = ", ".join(f"{key} = {value:.6g} +- {u:.2g}" for (key, value), u in numbers)
     title = f"{name} {how.split()[0]}"
     source = f"{title}: {how} by torchliner: {found.law.label if found.law.frequencies else words}; fitted to "
-    source += f"{', '.join(each.name for each in options.planes)} (reference {' '.join(options.reference)})"
+    source += f"{', '.join(each.name for each in options.planes)} (reference {' '.join(map(str, options.reference))})"
     source += f"; on a bound: {', '.join(found.on_bound)}" if found.on_bound else ""
     write_text(liner_text(found.liner.replace(name=title), source), path)

@@ -1,9 +1,111 @@
 """All commands: the function of each, the options that it shares with others, and its own."""
 
+from pathlib import Path
+
 from torchliner import names
-from torchliner.cli.options import COMPLEX, COUNT, FILE, FOLDER, NAME, NUMBER, PICTURE, TEXT, Command, Kind, Of, Option
-from torchliner.cli.shared import SHARED, choices, fact, frequency, output
+from torchliner.cli.options import (
+    BOUNDS,
+    CHOICES,
+    COMPLEX,
+    COUNT,
+    FILE,
+    FOLDER,
+    FREQUENCIES,
+    NAME,
+    NUMBER,
+    PICTURE,
+    REFERENCE,
+    TEXT,
+    TOLERANCES,
+    WALL,
+    Command,
+    Kind,
+    Of,
+    Option,
+)
 from torchliner.io.whole_file import HDF5
+
+
+def output(text: str, *endings: str, flag: str = "--output", required: bool = False) -> Option:
+    """A file with one of the endings, or a folder for one with the first."""
+    return Option(flag, f"{text} as {', '.join(endings)}", Kind("FILE", Path, "written", endings), required=required)
+
+
+def frequency(default: str, flag: str = "--frequency", to: str = "") -> Option:
+    """Values or ranges of frequency; ``default`` in words."""
+    return Option(flag, f"in Hz, values or LOW:HIGH:STEP; default: {default}", FREQUENCIES, "+", to=to)
+
+
+def fact(flag: str, text: str, kind: Kind | tuple[str, ...] = NUMBER) -> Option:
+    """About the case, of a record that is read."""
+    return Option(flag, text, kind, group="about the case (default: as the file says)", to="facts")
+
+
+def choices(wanted: str) -> Of:
+    """Fields of ``Choices``."""
+    return Of(CHOICES, wanted, "choices")
+
+
+STATED = "variable group axes velocity_units length_units sampling_rate normal row wall_normal_component x z points "
+READING = (
+    Of("io.planes:read_plane", "start stop every region", "part of the data", to="reading"),
+    Of("io.plane_format:PlaneRequest", f"{STATED}overlap", "missing metadata", to="reading"),
+)
+ANY = "of any format, or moments; 'run_*.nc' joins restarts"
+WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav file; default: --frequency"
+SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
+BASE = "drive running_window mean wall_filter missing background minimum_coherence interval level_limit "
+BASE += "level_uncertainty level_matched allow_short device dtype"
+KNOWN = "impedance named in the files, or one each, as 0.168-0.066j"
+SHARED: dict[str, tuple[Option | Of, ...]] = {
+    "plane": (Option("plane", f"file of a plane, {ANY}", FILE), *READING),
+    "planes": (Option("planes", f"files of planes, {ANY}", FILE, "+"), *READING),
+    "stated": READING[1:],
+    "bursts": (
+        Option("source", "file of bursts, or folder of stations", FILE),
+        Of("io.burst_text:read_burst_columns", "columns separator", to="reading"),
+        Of("io.burst_text:read_dantec", "components", to="reading"),
+    ),
+    "liner": (
+        Option("--liner", "preset, or .toml, .csv or .py file of a model; default: the one the file names", NAME),
+    ),
+    "tone": (frequency("the tone of the file"),),
+    "one-tone": (Option("--frequency", "in Hz; default: the tone of the file", NUMBER),),
+    "incident": (Option("--incident", WAVES, NAME),),
+    "rows": (output("write the rows", ".csv"),),
+    "plane-file": (output("write it", *HDF5, required=True),),
+    "map": (output("write the result (of several planes, their names are appended)", *HDF5, *names.RESULT_WRITERS),),
+    "law": (output("write the liner", ".toml"),),
+    "copy": (output("write the preset, to edit,", ".toml", flag="--copy"),),
+    "figure": (Option("--figure", "draw the result there; in a folder all pictures, with their numbers", PICTURE),),
+    "strict": (Option("--strict", "exit code 1 where the level check fails for the answer"),),
+    "seen": (fact("--incident-level", SPL), fact("--source-side", "that the sound comes from", names.SOURCE_SIDES)),
+    "case": (
+        *(fact("--frequency", "tone in Hz"), fact("--mach", "bulk Mach number")),
+        *(fact("--displacement-thickness", "of the boundary layer, m"), fact("--title", "of tables and figure", TEXT)),
+    ),
+    "place": (fact("--x", "of the station, m"), fact("--y", "above the liner, m"), fact("--z", "across the duct, m")),
+    "below": (fact("--liner", "name of the liner below", TEXT),),
+    "educed": (choices("averaging phase"), Of("velocity.educe:educe", "reference_phase", "choices"), choices(BASE)),
+    "base": (choices(BASE),),
+    "filters": (Option("--without", "switch off filters of bursts; default: none", names.FILTERS, "+", []),),
+    "duct": (
+        Option("--liner", "preset, .toml, .csv or .py file: Z(f) of a liner; default: --impedance", NAME),
+        Option("--speed", "|v| at the liner, rms, m/s, with --liner; default 0", NUMBER, default=0.0),
+        frequency("the duct's", to="chosen"),
+        Option("--bulk-mach", "Mach number of the flow; default: the duct's", NUMBER, to="chosen"),
+        Option("--profile", "of the flow; default: the duct's", names.FLOW_PROFILES, to="chosen"),
+        Option("--shear", "of --profile tanh, half heights; default: the duct's", NUMBER, to="chosen"),
+        Option("--impedance", "R+Xj or rigid, one a lined patch; default: the duct's", WALL, "+", to="chosen"),
+    ),
+    "fit": (
+        Option("--reference", f"{KNOWN}; default true", REFERENCE, "+", ["true"]),
+        Option("--predict", "planes to predict; default: none", FILE, "+", []),
+        Option("--noise", "standard uncertainty of R and X of the references", NUMBER),
+    ),
+    "fixed": (choices("drive mean missing allow_short"),),
+}
+
 
 FREE = "parameter to fit and its bounds, SI, or usual ones; 'offset' is both parts. Without, for runs without flow: "
 FREE += "contraction coefficient, with two levels or more the offset, and the law of lost mass that predicts best"
@@ -24,13 +126,13 @@ GROUPS = {
     "educe an impedance from velocity above the liner": {
         "educe": row(
             "velocity:educe",
-            "planes liner tone map figures strict seen educed",
+            "planes liner tone map figure strict seen educed",
             Option("--in-situ", "pressure record, whose impedance is added to the results", FILE),
             Option("--wall-pressure", "record or microphones for the level check; default: --in-situ", FILE),
         ),
         "replay": row(
             "velocity:replay",
-            "plane liner incident map figures strict",
+            "plane liner incident map figure strict",
             frequency("the tone of the file, or the lines of --incident"),
             output("write the reflected signals", *HDF5, flag="--reflected"),
             Of("velocity.replay:replay", "averaging mean missing interval device dtype"),
@@ -55,7 +157,7 @@ GROUPS = {
         ),
         "height": row(
             "studies:height",
-            "planes liner one-tone rows figures",
+            "planes liner one-tone rows figure",
             choices("averaging phase drive mean missing allow_short wall_filter"),
         ),
         "compare": row(
@@ -70,7 +172,6 @@ GROUPS = {
             "plane tone rows figure educed",
             Option("--liner", "preset, .toml, .csv or .py file; twice or more", NAME, many=True, required=True),
         ),
-        "validate": row("studies:validate", "planes liner rows"),
     },
     "measure an impedance from pressure": {
         "insitu": row(
@@ -134,7 +235,7 @@ GROUPS = {
             "studies:sensitivity",
             "plane liner tone rows fixed",
             Option("--averaging", "over cells; default velocity", names.AVERAGINGS, default="velocity"),
-            Option("--tolerance", TOLERANCE, Kind("NAME=VALUE"), many=True),
+            Option("--tolerance", TOLERANCE, TOLERANCES, many=True),
             Option("--parameters", "of the liner, e.g. porosity; default: all", TEXT, "+"),
             Option("--limits", "half-widths are limits, or u; default rectangular", names.LIMITS, None, "rectangular"),
         ),
@@ -153,18 +254,17 @@ GROUPS = {
         "calibrate": row(
             "studies:calibrate",
             "planes liner law figure fit fixed",
-            Option("--free", FREE, Kind("NAME[=LOW:HIGH]"), many=True),
+            Option("--free", FREE, BOUNDS, many=True),
             Option("--averaging", "over cells; default velocity, without --free phase-locked", names.AVERAGINGS),
         ),
         "identify": row(
             "studies:identify",
             "planes liner tone law figure fit fixed",
-            Option("--free", LAWS, Kind("NAMES"), many=True),
+            Option("--free", LAWS, BOUNDS, many=True),
             Of("studies.calibrate:identify", "averaging rest freedom"),
         ),
     },
     "files": {
-        "demo": row("files:demo", "", Option("--folder", "write maps and, with matplotlib, pictures here", FOLDER)),
         "info": row("files:info", "plane figure"),
         "convert": row(
             "files:convert",

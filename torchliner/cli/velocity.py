@@ -21,6 +21,7 @@ from torchliner.cli.work import (
     told,
     with_facts,
 )
+from torchliner.engine.moments import ReducedVelocity
 from torchliner.io.burst_sources import StationSource
 from torchliner.io.microphone_file import read_wall_pressure
 from torchliner.io.own_writer import write_several
@@ -28,7 +29,6 @@ from torchliner.io.result_writers import require_places
 from torchliner.io.whole_file import writable, writable_folder
 from torchliner.pressure.dean import with_in_situ
 from torchliner.records.origin import with_choices
-from torchliner.report.of_map import draw_pictures
 
 
 def educe(options: argparse.Namespace) -> int:
@@ -83,17 +83,13 @@ def _finish(options: argparse.Namespace, found: list[Any], planes: list[Any], ou
     """Write, draw and print maps; the exit code."""
     found = [with_choices(each, command=options.typed) for each in found]
 
-    def write(_: Any) -> None:
+    def write(_: Path) -> None:
         for path, result in zip(outputs, found, strict=True):
             result.write(path)
 
-    show(options, found, write, lambda folder: draw_pictures(found, planes, folder))
-    return strict_code(options, *found)
-
-
-def strict_code(options: argparse.Namespace, *results: Any) -> int:
-    """1 with --strict where the level check of a map or a line fails, else 0."""
-    return int(options.strict and any(each.level_check is not None and each.level_check.failed for each in results))
+    whole = not any(isinstance(each.velocity, ReducedVelocity) for each in planes)  # of moments there is none to draw
+    show(options, found, write, planes=planes if whole else ())
+    return int(options.strict and any(each.level_check is not None and each.level_check.failed for each in found))
 
 
 def ldv_info(options: argparse.Namespace) -> int:

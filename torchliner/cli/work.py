@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,8 +16,7 @@ from torchliner.io.moments_file import holds_moments
 from torchliner.io.whole_file import printable, written_whole
 from torchliner.records import VelocityPlane
 from torchliner.records.velocity_plane import restated
-from torchliner.report.answer import Answer, answer_of
-from torchliner.report.table import parts_of, table_of
+from torchliner.report.answer import Answer, Picture, answer_of
 
 Record = VelocityPlane | Moments
 
@@ -112,42 +110,30 @@ def write_text(text: str, path: Path, *, anew: bool = False) -> None:
 def show(
     options: argparse.Namespace,
     found: Any,
-    write: Callable[[Any], Any] | None = None,
-    draw: Callable[[Path], Any] | None = None,
+    write: Callable[[Path], Any] | None = None,
     **about: Any,
 ) -> None:
     """The rule of every command: write --output, draw --figure, print the answer as text or, with --json, its values.
 
     Args:
         found: a result, or its ``Answer``; ``about``: what ``answer_of`` wants to know besides.
-        write, draw: take the path; default the rows as CSV, and the pictures, one a frequency.
+        write: takes the path; default the rows as CSV.
     """
     answer = found if isinstance(found, Answer) else answer_of(found, **about)
     if (path := getattr(options, "output", None)) is not None:
         (write or answer.table.write_csv)(path)
     if (path := getattr(options, "figure", None)) is not None:
-        (draw or answer.draw)(path)
+        (answer.draw if path.suffix else answer.write_pictures)(path)
     options.notes = answer.notes
-    if options.json:
-        print(json.dumps(_plain(answer.plain), indent=2, allow_nan=False), flush=True)
-    else:
-        print(printable(answer.screen(options.verbose, warnings=False)), flush=True)
+    text = (
+        json.dumps(answer.plain, indent=2, allow_nan=False) if options.json else answer.screen(options.verbose, False)
+    )
+    print(text if options.json else printable(text), flush=True)
 
 
-def told(title: str, plain: Any, *lines: str) -> Answer:
+def told(title: str, plain: Any, *lines: str, pictures: Sequence[Picture] = ()) -> Answer:
     """An answer without a table."""
-    return Answer(title, lines, table_of([]), more=plain)
-
-
-def _plain(value: Any, name: str = "") -> Any:
-    """What is not finite becomes null, what is complex its two parts; ``name``: of the value."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item, str(key)) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item, name) for item in value]
-    if isinstance(value, complex):
-        return dict(zip(parts_of(name), (_plain(value.real), _plain(value.imag)), strict=True))
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return Answer(title, lines, more=plain, pictures=pictures)
 
 
 def facts_text(facts: dict[str, Any]) -> str:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from torchliner.names import resolve
 from torchliner.records.notes import Note
-from torchliner.report.table import Bounds, Table, bounds_of, format_bounds, format_complex, table_of
+from torchliner.report.table import Bounds, Table, bounds_of, format_bounds, format_complex, plain_of, table_of
 
 FIRST = ("null-test", "level-check", "model-misfit")  # codes of what makes Z another quantity, whatever its size
-MOST_ROWS, MOST_WARNINGS, WIDTH = 12, 3, 100  # of a screen
+MOST_ROWS, MOST_WARNINGS, WIDTH = 12, 3, 120  # of a screen
 HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of study has: what makes its answer
     "ImpedanceMap": "of_map:of_maps",
     "ImpedanceLine": "of_line:of_line",
@@ -26,7 +26,6 @@ HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of
     "MicrophoneLine": "of_duct:of_line",
     "Fit": "of_studies:of_fit",
     "candidates": "of_studies:of_identification",
-    "educed": "of_studies:of_validation",
     "LevelCurve": "of_studies:of_curve",
     "Sensitivities": "of_studies:of_sensitivities",
     "skipped": "of_studies:of_audit",
@@ -34,6 +33,9 @@ HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of
     "sorted_by": "of_studies:of_models",
     "judged": "of_studies:of_heights",
 }
+
+
+EMPTY = Table(())
 
 
 class Grid(NamedTuple):
@@ -51,18 +53,13 @@ class Picture(NamedTuple):
         name: of its files.
         caption: below it.
         draw: takes the path of a picture, or None; returns the figure.
-        numbers: rows of what is drawn.
+        rows: makes the rows of what is drawn.
     """
 
     name: str
     caption: str
     draw: Callable[[Any], Any]
-    numbers: Callable[[], Sequence[Mapping[str, Any]]]
-
-    @property
-    def table(self) -> Table:
-        """Of its CSV."""
-        return table_of(self.numbers())
+    rows: Callable[[], Sequence[Mapping[str, Any]]]
 
 
 @dataclass(frozen=True)
@@ -73,7 +70,7 @@ class Answer:
         title: what it is.
         lines: the answer in sentences: Z with its interval, the level check.
         table: the rows behind the answer, of CSV, JSON, pages and a verbose screen.
-        brief: rows of a screen; default those of ``table``.
+        brief: the rows of a screen; default all.
         caption: of the table.
         grids: further tables, of JSON, a verbose screen and a page.
         remarks: what the tables rest on, of a verbose screen and a page.
@@ -82,14 +79,14 @@ class Answer:
         state: of the level check: ``passes``, ``inconclusive``, ``fails`` or "".
         pictures: the first is the one that a command draws.
         results: whose ``choices`` name inputs, versions and the command; those of the first are shown.
-        more: values by name for JSON alone.
+        more: values by name for JSON alone; all of JSON where there is no table.
         source: file of the result.
     """
 
     title: str
     lines: Sequence[str]
-    table: Table
-    brief: Table | None = None
+    table: Table = EMPTY
+    brief: Sequence[Mapping[str, Any]] | None = None
     caption: str = "The answer."
     grids: Sequence[Grid] = ()
     remarks: Sequence[str] = ()
@@ -103,12 +100,11 @@ class Answer:
 
     @property
     def plain(self) -> Any:
-        """What JSON holds: values of Python's own types and complex; of what has no table ``more`` alone."""
+        """What JSON holds."""
         if not self.tables:
             return plain_of(self.more)
-        tables = {grid.name: grid.table.rows for grid in self.grids}
-        found = {"title": self.title, "rows": self.table.rows, "notes": self.notes, "choices": self.choices}
-        return plain_of({**tables, **found, **self.more})
+        found = {"title": self.title, "rows": self.table.rows, "notes": list(self.notes), "choices": self.choices}
+        return plain_of({grid.name: grid.table.rows for grid in self.grids} | found | self.more)
 
     @property
     def choices(self) -> Mapping[str, Any]:
@@ -118,13 +114,13 @@ class Answer:
     @property
     def tables(self) -> list[Grid]:
         """All that have rows to show."""
-        every = [Grid("answer-table", self.caption, self.table), *self.grids]
+        every = [Grid("answer", self.caption, self.table), *self.grids]
         return [grid for grid in every if grid.table.shown]
 
     @property
     def on_screen(self) -> Table:
-        """The rows of a screen."""
-        return self.table if self.brief is None else self.brief
+        """What a screen shows of the table."""
+        return self.table if self.brief is None else replace(self.table, rows=self.brief)
 
     def screen(self, verbose: bool = False, warnings: bool = True) -> str:
         """Text for a terminal: the answer, three warnings and the next step, or all there is.
@@ -138,30 +134,29 @@ class Answer:
             for grid in self.tables:
                 parts += ["", grid.caption, grid.table.as_text()]
             parts += ["", *self.remarks] if self.remarks else []
-        elif brief.shown:
-            parts.append(brief.as_text(MOST_ROWS))
+        elif brief.rows and brief.shown:
+            parts.append(brief.as_text(MOST_ROWS, WIDTH))
             if (more := len(brief.rows) - MOST_ROWS) > 0:
                 parts.append(f"... {more} more rows (--verbose)")
         if warnings:
             most = len(notes) if verbose else MOST_WARNINGS
-            parts += map(_paragraph, notes[:most])
+            for note in notes[:most]:
+                size = "" if note.size is None else f" (may move Z by {note.size:.2g})"
+                text = f"warning{size}: {note.text}"
+                parts.append(textwrap.fill(text, WIDTH, subsequent_indent="  ", break_on_hyphens=False))
             parts += [f"more warnings: {len(notes) - most} (--verbose)"] if len(notes) > most else []
         return "\n".join([*parts, *([f"next: {self.step}"] if self.step else [])])
 
     def html(self) -> str:
         """For notebooks: title, answer and rows."""
-        shown, rows = self.on_screen.shown, self.on_screen.rows[:MOST_ROWS]
+        shown, rows = self.table.shown, self.on_screen.rows[:MOST_ROWS]
         table = [[column.heading for column in shown], *([column.cell(row) for column in shown] for row in rows)]
         cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table)
         lines = "".join(f"<p>{escape(line)}</p>" for line in self.lines)
         return f"<div><b>{escape(self.title)}</b>{lines}<table>{cells}</table></div>"
 
     def draw(self, path: Path) -> None:
-        """The first picture.
-
-        Raises:
-            ValueError: there is nothing to draw.
-        """
+        """The first picture; ValueError where there is none."""
         if not self.pictures:
             raise ValueError(f"{path}: {self.title}: there is nothing to draw")
         self.pictures[0].draw(path)
@@ -171,7 +166,7 @@ class Answer:
         folder.mkdir(parents=True, exist_ok=True)
         for each in self.pictures:
             each.draw(folder / f"{each.name}.png")
-            each.table.write_csv(folder / f"{each.name}.csv")
+            table_of(each.rows()).write_csv(folder / f"{each.name}.csv")
 
 
 def answer_of(result: Any, *others: Any, source: Path | None = None, **about: Any) -> Answer:
@@ -202,34 +197,12 @@ def ordered(notes: Iterable[Note | str]) -> list[Note]:
     return sorted(each, key=lambda n: (n.code not in FIRST, n.size is None, -(n.size or 0.0)))
 
 
-def _paragraph(note: Note) -> str:
-    size = "" if note.size is None else f" (may move Z by {note.size:.2g})"
-    return textwrap.fill(f"warning{size}: {note.text}", WIDTH, subsequent_indent="  ", break_on_hyphens=False)
-
-
 def impedance_words(value: complex, bounds: Bounds | None = None, level: float | None = None) -> str:
     """'Z = 0.168-0.066j (95 % interval: R 0.160 to 0.176, X -0.070 to -0.062)'."""
-    words = format_bounds(bounds)
-    known = "" if words == "-" or level is None else f" ({100 * level:g} % interval: {words})"
-    return f"Z = {format_complex(value)}{known}"
+    words = "" if bounds is None or level is None else f" ({100 * level:g} % interval: {format_bounds(bounds)})"
+    return f"Z = {format_complex(value)}{words}"
 
 
 def row_words(row: Mapping[str, Any], level: float | None) -> str:
     """The same of a row with impedance, low and high."""
     return impedance_words(row["impedance"], bounds_of(row), level)
-
-
-def plain_of(value: Any) -> Any:
-    """What JSON can hold; maps, fits and other records of the package are left out."""
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, Note):
-        return vars(value)
-    if isinstance(value, Mapping):
-        return {str(name): plain_of(each) for name, each in value.items() if _is_plain(each)}
-    return [plain_of(each) for each in value] if isinstance(value, (list, tuple)) else value
-
-
-def _is_plain(value: Any) -> bool:
-    plain = (str, int, float, complex, Mapping, list, tuple, Note, type(None))
-    return isinstance(value, plain) or hasattr(value, "tolist")

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.kernels import BAND
-from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
 from torchliner.report import figure as look
@@ -76,21 +75,17 @@ def impedance_over_frequency(result: ImpedanceMap) -> list[Row]:
     return rows_of(**about, **others)
 
 
-def velocity_along_x(record: VelocityPlane | Moments) -> list[Row]:
+def velocity_along_x(plane: VelocityPlane) -> list[Row]:
     """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
-    values, plane = Row(), record.plane if isinstance(record, Moments) else record
+    values = Row()
     for name, part in (("v", plane.velocity), ("u", plane.streamwise)):
-        if part is None:
-            continue
-        if isinstance(record, Moments):  # of v alone
-            mean, square = record.survey.mean, record.survey.mean_square
-        else:
-            mean, square = time_moments(VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name))
-        mean, square = mean.reshape(plane.probe_shape), square.reshape(plane.probe_shape)
-        x, mean_x = over_z(plane.x, mean)
-        _, variance = over_z(plane.x, square - mean**2)
-        values |= {"x (m)": x} | ({"v0 (m/s)": mean_x.double()} if name == "v" else {})
-        values[f"{name}' rms (m/s)"] = variance.double().clamp(min=0).sqrt()
+        if part is not None:
+            moments = time_moments(VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name))
+            mean, square = (each.reshape(plane.probe_shape) for each in moments)
+            x, mean_x = over_z(plane.x, mean)
+            _, variance = over_z(plane.x, square - mean**2)
+            values |= {"x (m)": x} | ({"v0 (m/s)": mean_x.double()} if name == "v" else {})
+            values[f"{name}' rms (m/s)"] = variance.double().clamp(min=0).sqrt()
     return rows_of(**values)
 
 
@@ -128,6 +123,14 @@ def alongside_at(results: Sequence[ImpedanceMap], frequency_index: int) -> list[
             if index is not None:
                 seen.setdefault(other.name, (other, index))
     return list(seen.values())
+
+
+def known_of(results: Sequence[ImpedanceMap], index: int) -> dict[str, complex]:
+    """References of the file, at its tone, other methods, Goodrich."""
+    found = references_of(results, index)
+    for other, f in alongside_at(results, index):
+        found |= {f"{other.name}, {word}": complex(other.liner[each].impedance[f]) for each, word in ORDERS.items()}
+    return found
 
 
 # Pictures.
@@ -228,11 +231,8 @@ def draw_comparison(found: Any, path: str | Path | None = None, frequency: float
     frequency = frequency or found.rows[0].frequency
     liner, *cells = [row for row in found.rows if row.frequency == frequency]
     known = all(row.x is not None and np.isfinite(row.x) for row in cells)
-    rows = [Row(row, cell=i) for i, row in enumerate(cells)]
-    style = look.dots(look.COLOURS[0], "o", "cells", bars=True)
-    drawn = look.curve_of(rows, "x" if known else "cell", "difference", **style)
-    if liner.low is not None:
-        drawn["ends"] = [[row[end] for row in cells] for end in ("low", "high")]
+    rows = [Row(row, cell=i, impedance=row.difference) for i, row in enumerate(cells)]
+    drawn = look.curve_of(rows, "x" if known else "cell", **look.dots(look.COLOURS[0], "o", "cells", bars=True))
 
     def more(axis: Any, part: str) -> None:
         axis.set_ylabel(f"difference of {axis.get_ylabel()}")
@@ -260,21 +260,19 @@ def draw_liner(liner: Liner, speeds: Sequence[float], title: str, path: str | Pa
 
 @look.styled
 def draw_velocity(
-    planes: VelocityPlane | Moments | Sequence[VelocityPlane], path: str | Path | None = None, axes: Any = None
+    planes: VelocityPlane | Sequence[VelocityPlane], path: str | Path | None = None, axes: Any = None
 ) -> Any:
     """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
-    several = list(planes) if isinstance(planes, Sequence) else [planes]
-    cases = [each.plane if isinstance(each, Moments) else each for each in several]
-    profiles = [velocity_along_x(each) for each in several]
+    several = [planes] if isinstance(planes, VelocityPlane) else planes
+    profiles, before = [velocity_along_x(each) for each in several], look.runs_in(axes)
     kept = [name for name in VELOCITIES if any(name in rows[0] for rows in profiles)]
-    before = look.runs_in(axes)
     figure, panels = look.panels_of(len(kept), 2.7, axes, len(several))
     for axis, quantity in zip(panels, kept, strict=False):
-        for i, (rows, name) in enumerate(zip(profiles, labels_of(cases), strict=True), before):
+        for i, (rows, name) in enumerate(zip(profiles, labels_of(several), strict=True), before):
             if quantity in rows[0]:
                 look.draw_values(axis, **look.curve_of(rows, "x (m)", quantity, **look.colour_of(i, name)))
         axis.set(xlabel=look.X_MM, ylabel=VELOCITIES[quantity], ylim=(None if quantity == "v0 (m/s)" else 0, None))
-    return look.finish(figure, path, case_title(cases[0]), 6, axes)
+    return look.finish(figure, path, case_title(several[0]), 6, axes)
 
 
 def draw_points(

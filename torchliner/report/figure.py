@@ -1,16 +1,14 @@
 """The one style of all figures: colours, panels, curves with their intervals, legend, caption, file.
 
 Nearly every figure is resistance and reactance beside each other over one variable: ``draw_parts`` of curves, which
-``curve_of`` makes of rows. Fonts, ticks and sizes stand in ``style.mplstyle``.
+``curve_of`` makes of rows. Fonts, ticks and sizes stand in ``style.mplstyle``; text is 8 pt at the width of a page's
+text block. For other widths give axes of your own.
 """
 
 import functools
 import io
 import math
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from string import ascii_lowercase
 from typing import Any
@@ -28,10 +26,8 @@ SPL, INCIDENT = "SPL (dB re 20 µPa)", "incident level (dB re 20 µPa)"
 V_RMS, U_RMS = r"$v'_{\mathrm{rms}}$", r"$u'_{\mathrm{rms}}$"
 X_MM, Y_MM, KHZ = "$x$ (mm)", "$y$ (mm)", "$f$ (kHz)"
 SCALES = {"x (m)": 1e3, "x": 1e3, "height": 1e3, "frequency (Hz)": 1e-3, "frequency": 1e-3}  # from SI to an axis
-WIDTHS = {"one": 3.4, "page": 5.3, "two": 7.0}  # in: a column, a text block, two columns
-STACKED = 4.5  # in, below which panels that stand beside each other stand one above the other
+WIDTH = 5.3  # in
 CHARACTER, HANDLE, ROW = 0.053, 0.5, 0.15  # in, of a legend at 8 pt
-MOST_POINTS = 4000  # of a curve that is drawn as lines and not as a picture
 DESCRIPTION = {".png": "Description", ".svg": "Description", ".pdf": "Subject"}  # in the file
 
 AVERAGINGS = {"admittance": "#0072B2", "velocity": "#D55E00", "phase-locked": "#009E73"}  # colours, everywhere
@@ -43,38 +39,6 @@ REFERENCES: tuple[dict[str, Any], ...] = (
     *({"color": "k", "linewidth": 0.9, "linestyle": each} for each in ("--", ":", "-.")),
 )
 BAND: Any = {"linewidth": 5, "solid_capstyle": "butt"}  # of a legend's row for a band
-MINUS = "\N{MINUS SIGN}"
-# A number that stands alone, with its imaginary part; not one within a name, a formula, a range, a date or a file.
-NUMBER = re.compile(r"(?<![\w.)\]}$^{/-])-?\d[\d.]*(?:e[+-]?\d+)?(?:[+-][\d.]+(?:e[+-]?\d+)?j)?j?(?!\w|\.\w|-\w)")
-_width: ContextVar[float] = ContextVar("width", default=WIDTHS["page"])
-
-
-@contextmanager
-def figure_style(width: str | float = "page") -> Iterator[None]:
-    """All figures within the block have this width; text is 8 pt at that size.
-
-    Args:
-        width: in, or "one" (3.4, a column; panels one above the other), "page" (5.3, the text block of a page,
-            default) or "two" (7, two columns).
-    Raises:
-        ValueError: another word, or below 2 or above 20 in.
-
-    >>> plane = tl.VelocityPlane(torch.randn(3, 900), sampling_rate=42e3, x=[0.0, 1e-3, 2e-3])
-    >>> with tl.figure_style("one"):
-    ...     print(plane.plot().get_size_inches()[0])
-    3.4
-    """
-    try:
-        inches = WIDTHS[width] if isinstance(width, str) and width in WIDTHS else float(width)
-    except ValueError:
-        inches = math.nan
-    if not 2 <= inches <= 20:
-        raise ValueError(f"a figure's width is {width!r}; it must be {', '.join(WIDTHS)}, or 2 to 20 (in)")
-    token = _width.set(inches)
-    try:
-        yield
-    finally:
-        _width.reset(token)
 
 
 def require_matplotlib() -> Any:
@@ -120,14 +84,10 @@ def _shown() -> Any:
 # Panels.
 
 
-def subplots(rows: int, columns: int, height: float, beside: bool = False) -> tuple[Figure, Any]:
-    """A figure and its axes (rows, columns), lettered where there are several; those of one row stand one above the
-    other in a narrow figure, unless they share what stands at their left, ``beside``."""
-    width = _width.get()
-    narrow = width < STACKED and rows == 1 < columns and not beside
-    shape = (columns, 1) if narrow else (rows, columns)
-    figure = _shown()(figsize=(width, height * (0.8 * columns if narrow else 1)))
-    axes = figure.subplots(*shape, squeeze=False).reshape(rows, columns)
+def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
+    """A figure and its axes (rows, columns), lettered where there are several."""
+    figure = _shown()(figsize=(WIDTH, height))
+    axes = figure.subplots(rows, columns, squeeze=False)
     for letter, axis in zip(ascii_lowercase, axes.flat, strict=False):
         axis.set_title(f"({letter})" * (axes.size > 1), loc="left")
     return figure, axes
@@ -216,7 +176,7 @@ def part_of(value: Any, part: str) -> Any:
 
 def draw_values(axis: Any, x: Any, y: Any, ends: Any = None, bars: bool = False, **style: Any) -> None:
     """Values along x with their interval as a band, or as bars."""
-    axis.plot(x, y, **{"rasterized": len(x) > MOST_POINTS} | style)
+    axis.plot(x, y, **style)
     if ends is not None and bars:
         axis.vlines(x, *ends, color=style["color"], linewidth=1.2, zorder=2)
     elif ends is not None:
@@ -266,16 +226,6 @@ def frame(axis: Any, sides: str = "y", poles: bool = False) -> None:
 # Words, and the end.
 
 
-def typeset(text: str) -> str:
-    """The same with a true minus in every number, exponents included; hyphens of dates, ranges and names stay."""
-    return NUMBER.sub(lambda found: found[0].replace("-", MINUS), text)
-
-
-def typeset_label(text: str) -> str:
-    """The same for what matplotlib draws: the height's symbol is that of the axes."""
-    return re.sub(r"(?<!\$)\by = (?=[\d.])", "$y$ = ", typeset(text))
-
-
 def plain_label(text: str) -> str:
     """A name from a file, in which nothing is a formula or moves a cursor."""
     return " ".join(printable(text).split()).replace("$", r"\$")
@@ -292,7 +242,7 @@ def legend_below(figure: Figure, axes: Any, columns: int = 4) -> None:
     rows: dict[str, Any] = {}
     for axis in np.ravel(axes):
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            rows.setdefault(typeset_label(label), handle)
+            rows.setdefault(label, handle)
     if rows:
         width, height = figure.get_size_inches()
         fitting = int(width / (HANDLE + CHARACTER * max(map(len, rows))))
@@ -310,7 +260,7 @@ def finish(
         return given
     if legend:
         legend_below(figure, figure.axes[:1], legend)
-    figure.caption = typeset(" ".join((caption or "").split()))
+    figure.caption = " ".join((caption or "").split())
     if path is not None:
         suffix = Path(path).suffix.lower()
         facts = {DESCRIPTION[suffix]: figure.caption} if suffix in DESCRIPTION else None

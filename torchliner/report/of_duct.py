@@ -46,8 +46,7 @@ def of_wall(*found: WallEduction | FieldFit) -> Answer:
         )
         for (one, line), label in zip(pairs, labels, strict=True)
     ]
-    rows = [row for mine in each_rows for row in mine]
-    by_frequency: dict[float, list[Row]] = {}
+    rows, by_frequency = [row for mine in each_rows for row in mine], dict[float, list[Row]]()
     for row in rows:
         by_frequency.setdefault(row["frequency"], []).append(row)
     # The frequency of all at which the worst fitted is fitted best.
@@ -60,32 +59,29 @@ def of_wall(*found: WallEduction | FieldFit) -> Answer:
     if len(at) == 2 and cmath.isfinite(at[0]["impedance"] + at[1]["impedance"]):
         one, other = at[0]["impedance"], at[1]["impedance"]
         sentences.append(f"The two are {200 * abs(one - other) / (abs(one) + abs(other)):.3g} % apart.")
-    there = [(i, one.frequency.tolist().index(main)) for i, one in enumerate(found) if main in one.frequency.tolist()]
-    pressures = [
-        {"eduction": labels[i]} | row for i, _ in there for row in _microphones(lines[i]) if row["frequency"] == main
-    ]
-    waves = []
-    for i, f in there:
-        places, fitted = found[i].fitted_along()
-        waves.append((labels[i], (places, fitted[:, f]), lines[i].x, lines[i].pressure[:, f]))
-    title = "measured and fitted pressures along the wall"
-    along = partial(fields.draw_pressures, waves, title=title, markers="measured")
+    pressures, waves = list[Row](), []
+    for one, line, label in zip(found, lines, labels, strict=True):
+        if main in (known := one.frequency.tolist()):
+            f, (places, fitted) = known.index(main), one.fitted_along()
+            waves.append((label, (places, fitted[:, f]), line.x, line.pressure[:, f]))
+            pressures += [{"eduction": label} | row for row in _microphones(line) if row["frequency"] == main]
+    along = partial(fields.draw_pressures, waves, title="pressures along the wall", markers="measured")
     spectra = partial(fields.draw_spectra, found, labels, each_rows)
     words = f"Sound pressure along the wall at {main:g} Hz: markers, the microphones; lines, what was fitted."
-    shown = "eduction," * several + "frequency,impedance,interval,"
-    known = {f"{name}: Z = {z:.3f}.": 0 for line in lines for name, z in line.reference.items()}
+    shown = "frequency,impedance,interval,residual,known,deviation,wavenumber,energy_share,end_reflection,misfit"
+    references = {f"{name}: Z = {z:.3f}.": 0 for line in lines for name, z in line.reference.items()}
     return Answer(
         title=f"Impedance from microphones: {'; '.join(dict.fromkeys(line.title or line.name for line in lines))}",
         lines=sentences,
-        table=table_of(rows, f"{shown}deviation,wavenumber,energy_share,end_reflection,residual,misfit,known"),
-        brief=table_of(rows if len(rows) > len(at) else [], f"{shown}residual,known"),
+        table=table_of(rows, "eduction," * several + shown),
+        brief=rows if len(rows) > len(at) else [],
         caption="Z = p/(ρc v) with exp(jωt - jαx), x along the flow. Residual: rms of what is left over that of the "
         "pressures. Misfit: residuals over the errors of the microphones, 1 if the duct is right.",
-        remarks=list(known),
+        remarks=list(references),
         notes=[note for one, line in pairs for note in (*line.notes, *one.notes)],
         pictures=[
             Picture("spectrum", "Impedance over frequency with 95 % intervals.", spectra, lambda: rows),
-            Picture("along-wall", words, along, lambda: pressures),
+            Picture("along_wall", words, along, lambda: pressures),
         ],
         results=list(found),
     )
@@ -116,7 +112,6 @@ def of_line(line: MicrophoneLine) -> Answer:
             "FILE -o writes"
         )
     at = torch.linspace(0, len(modes) - 1, min(len(modes), MOST_DRAWN)).round().int().tolist()
-    liner = (solved.get("duct") or {}).get("liner") or []
     row = max(modes, key=lambda each: each.get(MESH) or 0.0)
     check, moved = "no second mesh was solved", row.get(MESH)
     if moved is not None:
@@ -129,16 +124,16 @@ def of_line(line: MicrophoneLine) -> Answer:
     microphones = table_of(_microphones(line), "frequency,x,spl,phase")
     words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
     waves = [(f"{float(line.frequency[f]):g} Hz", None, line.x, line.pressure[:, f]) for f in dict.fromkeys(at)]
+    liner = (solved.get("duct") or {}).get("liner") or []
     draw = partial(fields.draw_pressures, waves, title=line.title or line.name, liner=liner)
     return Answer(
         title=f"Solved duct: {line.title}",
         lines=sentences,
         table=table_of(modes, ",".join(modes[0])),
         caption="The plane-like mode sent back and let through, and its energy, in shares of that coming in.",
-        brief=microphones,
         grids=[Grid("microphones", "At the microphones.", microphones)],
         notes=line.notes,
-        pictures=[Picture("along-wall", words, draw, lambda: microphones.rows)],
+        pictures=[Picture("along_wall", words, draw, lambda: microphones.rows)],
         results=[SimpleNamespace(choices={key: v for key, v in line.provenance.items() if key != "plane_mode"})],
         more={"duct": solved},
     )

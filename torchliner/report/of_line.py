@@ -72,12 +72,12 @@ def of_line(line: ImpedanceLine) -> Answer:
         title=f"Impedance line: {line.title}" if line.title else "Impedance line",
         lines=[words],
         table=table_of(rows, "frequency,impedance,interval,spread,goodrich"),
-        brief=table_of(rows if len(rows) > 1 else [], "frequency,impedance,interval"),
+        brief=rows if len(rows) > 1 else [],
         caption="Z = 1/mean(1/Z) over ρc over the stations that count, eq. (5.2); spread: along the line.",
         grids=[Grid("stations", "A row a station and frequency.", table_of(stations, STATIONS))],
         remarks=["Z is p/(ρc v), exp(+jωt).", *(f"{name}: Z = {z:.3f}." for name, z in line.reference.items())],
         notes=[*line.notes, *flags],
-        pictures=[Picture("along-x", caption, partial(draw_lines, line), lambda: stations)],
+        pictures=[Picture("along_x", caption, partial(draw_lines, line), lambda: stations)],
         results=[line],
     )
 
@@ -92,7 +92,7 @@ def of_stations(*stations: Station) -> Answer:
     rows, remarks = list[Row](), list[str]()
     for one in stations:
         kept, seen = one.kept, one.moments
-        row: Row = {"station": one.name, "x": kept.x, "y": kept.y, "z": kept.z, "received": kept.received}
+        row: Row = {"station": one.name, "x": kept.x, "y": kept.y, "z": kept.z}
         row |= {"bursts": kept.bursts, "dropped": kept.received - kept.bursts}
         row |= {name: getattr(seen, name) for name in ("duration", "rate", "longest_gap", "irregularity")}
         for short, name in COMPONENTS.items():
@@ -102,12 +102,11 @@ def of_stations(*stations: Station) -> Answer:
         remarks += [f"{one.name}: {n} dropped: {why}" for why, n in kept.dropped.items()]
         remarks += [] if seen.weighted else [f"{one.name}: no transit times, weighted moments are not weighted"]
     count = sum(1 for one in stations if one.flags)
-    shown = "station,x,y,z,bursts,dropped,duration,rate,longest_gap,v mean (m/s),v rms (m/s)"
+    shown = "station,x,y,z,bursts,dropped,duration,rate,longest_gap,v mean (m/s),v rms (m/s),u mean (m/s),u rms (m/s)"
     return Answer(
         title=f"{len(stations)} stations of bursts",
         lines=[f"{count} of {len(stations)} stations are flagged" if count else "no flags"],
-        table=table_of(rows, f"{shown},u mean (m/s),u rms (m/s)"),
-        brief=table_of(rows, shown),
+        table=table_of(rows, shown),
         remarks=remarks,
         notes=[f"{one.name}: {text}" for one in stations for text in (*one.flags, *one.kept.notes)],
     )
@@ -130,7 +129,7 @@ def of_points(found: PointImpedances) -> Answer:
 
 def _along_x(found: PointImpedances, what: str, **about: Any) -> Picture:
     words = f"{what}; crosses: cells, filled, admittance over points, and open, pressure first."
-    return Picture("along-x", words, partial(draw_points, found, **about), partial(points_along_x, found))
+    return Picture("along_x", words, partial(draw_points, found, **about), partial(points_along_x, found))
 
 
 def point_rows(found: PointImpedances) -> list[Row]:
@@ -170,28 +169,20 @@ def of_pressures(
         pair: the two microphones of the two-microphone row.
         options: ``window``, ``segment``, ``start``, ``allow_short``, ``interval`` of ``in_situ``.
     Raises:
-        ValueError: losses without a cavity, a pair of fewer than two microphones; as ``in_situ`` and
-            ``decompose_waves``.
+        ValueError: losses without a cavity; as ``in_situ`` and ``decompose_waves``.
     """
-    if losses != "none" and record.facesheet is None:
-        raise ValueError(
-            f"{record.name} holds microphones alone; losses {losses!r} are those of a cavity: leave them out"
-        )
-    count = 0 if record.microphones is None else len(record.microphones)
-    if pair != "pair" and count < 2:
-        raise ValueError(f"{record.name} holds {count} microphones; there is no pair to choose: leave microphones out")
-    rows, notes, points, known = list[Row](), list[Note | str](), None, record.microphone_velocity is not None
+    rows, notes, points = list[Row](), list[Note | str](), None
     if record.facesheet is not None:
         points = in_situ(record, frequency, losses=losses, **options)
         every = [row for row in point_rows(points) if row["place"] == "surface" or len(points.cell_x) > 1]
         rows += [{"method": f"in situ, {row.pop('order')}"} | row for row in every]
         notes += points.notes
-    wanted: list[tuple[bool, Row]] = [
-        (count > 1 or (count == 1 and not known), {"microphones": pair}),
-        (count > 2, {}),
-        (count > 0 and known, {"velocities": True}),
-    ]
-    for chosen in [about for there, about in wanted if there]:
+    elif losses != "none":
+        raise ValueError(f"{record.name} holds microphones alone; losses {losses!r} are those of a cavity")
+    count = 0 if record.microphones is None else len(record.microphones)
+    known = record.microphone_velocity is not None
+    ways: list[Row] = [{"microphones": pair}] * (count > 1 or pair != "pair" or not (known or points))
+    for chosen in [*ways, *[Row()] * (count > 2), *[Row(velocities=True)] * (count > 0 and known)]:
         found = decompose_waves(record, frequency, **chosen, **options)
         ends = [f"{1e3 * float(found.microphones[i]):.1f}" for i in (0, -1)]
         names = ("frequency", "impedance", "interval", "residual", "incident_level")
@@ -205,12 +196,10 @@ def of_pressures(
     first = [row for row in rows if all(row[key] == rows[0][key] for key in ("frequency", "place"))]
     level, name = options.get("interval", LEVEL), record.title or record.name
     lines = [f"{row_words(row, level)} in units of ρc at {row['frequency']:g} Hz, {row['method']}." for row in first]
-    shown = "method,place,frequency,impedance,interval,distance_to_true"
     return Answer(
         title=name,
         lines=lines + ([] if true is None else [f"Reference Z = {true:.3f}."]),
-        table=table_of(rows, f"{shown},coherence,residual"),
-        brief=table_of(rows, shown),
+        table=table_of(rows, "method,place,frequency,impedance,interval,distance_to_true,coherence,residual"),
         remarks=[WHY],
         notes=notes,
         step="put this beside an educed Z: torchliner educe PLANE --in-situ RECORD" if points else "",

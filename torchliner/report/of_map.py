@@ -1,27 +1,27 @@
-"""The answer of impedance maps, one or several that belong together; the pictures of a run in one folder."""
+"""The answer of impedance maps, one or several that belong together, and its pictures."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
+from typing import Any
 
 import torch
 
-from torchliner.engine.moments import ReducedVelocity
-from torchliner.names import unique_names
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
-from torchliner.report import curves, studies
+from torchliner.report import curves
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
 from torchliner.report.maps import (
     case_title,
     draw_map,
+    family,
     interval_words,
     labels_of,
     map_limits,
     over_surface,
     probe_rows,
 )
+from torchliner.report.studies import draw_over_height
 from torchliner.report.table import STATISTICAL, Row, table_of
 from torchliner.studies.compare import compare
 from torchliner.studies.validation import nearest_case
@@ -30,18 +30,17 @@ from torchliner.velocity.background import background_words
 
 MATCHED = "level-matched"
 NULL_TEST = "Null test: the wall is hard and has no liner; the values show how this model responds to such a velocity."
+SHOWN = "run,frequency,averaging,impedance,interval,level check,share,spread,coherence"
+CELLS = "cell,x,z,frequency,impedance,interval,level_check"
 
 
-def of_maps(*results: ImpedanceMap) -> Answer:
-    """Z with its interval and level check, a row a run and frequency; all averagings; what is known from elsewhere."""
+def of_maps(*results: ImpedanceMap, planes: Sequence[VelocityPlane] = ()) -> Answer:
+    """Z with its interval and level check, a row a run and frequency; all averagings; what is known from elsewhere;
+    pictures of maps at the same frequencies, of the velocity of ``planes`` too."""
     first, several, main = results[0], len(results) > 1, main_of(results[0])
-    rows = [
-        ({"run": label} if several else {}) | row
-        for one, label in zip(results, labels_of(results), strict=True)
-        for row in map_rows(one)
-    ]
+    runs = list(zip(results, labels_of(results), strict=True))
+    rows = [{"run": label} | row for one, label in runs for row in map_rows(one)]
     answers = [row for row in rows if row["averaging"] in (first.averaging, MATCHED)]
-    shown = "run,frequency,averaging,impedance,interval,level check,share"
     lines = [f"Level check: {one.level_check_words}." for one in results]
     if not several:
         near = nearest_case(first, main)
@@ -49,11 +48,19 @@ def of_maps(*results: ImpedanceMap) -> Answer:
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
     name = case_title(first) if several else first.title
+    groups = dict[tuple[float, ...], list[int]]()
+    for i, one in enumerate(results):
+        groups.setdefault(tuple(one.frequency.tolist()), []).append(i)
+    pictures = [
+        each._replace(name=f"{key[0]:g}Hz_{each.name}" if len(groups) > 1 else each.name)
+        for key, own in groups.items()
+        for each in _pictures([results[i] for i in own], [planes[i] for i in own if planes])
+    ]
     return Answer(
         title=("Impedance map" + "s" * several) + (f": {name}" if name else ""),
         lines=[*dict.fromkeys([*lines, *(line for one in results for line in _known_lines(one))])],
-        table=table_of(rows, f"{shown},spread,coherence"),
-        brief=table_of(answers if several or len(answers) > 1 else [], shown),
+        table=table_of(rows, SHOWN if several else SHOWN.removeprefix("run,")),
+        brief=answers if several or len(answers) > 1 else [],
         caption="Z = R + jX of the whole liner over ρc, by averaging, beside what is known from elsewhere; the "
         f"interval is {STATISTICAL}; the spread is that over probes, no uncertainty.",
         grids=[Grid(f"cells{i or ''}", "Each cell.", table_of(_cells(one), CELLS)) for i, one in enumerate(results)],
@@ -62,7 +69,7 @@ def of_maps(*results: ImpedanceMap) -> Answer:
         ],
         step=_step(first, state, main),
         state=state,
-        pictures=[] if several else _pictures(first, main),
+        pictures=pictures,
         results=[each for one in results for each in (one, *one.alongside)],
     )
 
@@ -100,7 +107,7 @@ def map_rows(result: ImpedanceMap) -> list[Row]:
             for other, f in curves.alongside_at([result], i)
             for each, order in curves.ORDERS.items()
         }
-        for name, z in studies.known_of([result], i).items():
+        for name, z in curves.known_of([result], i).items():
             low, high = its.get(name) or (None, None)
             rows.append(about | {"averaging": name, "impedance": z, "low": low, "high": high})
     return rows
@@ -168,9 +175,6 @@ def _step(result: ImpedanceMap, state: str, index: int) -> str:
     return "torchliner audit shows how far each open choice moves Z"
 
 
-CELLS = "cell,x,z,frequency,impedance,interval,level_check"
-
-
 def _cells(result: ImpedanceMap) -> list[Row]:
     """Each cell: Z in the averaging of the answer, its interval, its level check."""
     found, check, x = result.cells[result.averaging], result.level_check, result.cell_x[:, None]
@@ -185,61 +189,49 @@ def _cells(result: ImpedanceMap) -> list[Row]:
     )
 
 
-def _pictures(result: ImpedanceMap, index: int) -> list[Picture]:
-    """At the tone, and over frequency where there are several."""
-    at, found = f"{float(result.frequency[index]):g} Hz", list[Picture]()
-    bars = f"; bands and bars: {interval_words(result)}" if result.level is not None else ""
-    if len(result.frequency) > 1:
-        words = f"Impedance of the whole liner over frequency{bars}. The axes end before poles of Z."
-        draw = partial(curves.draw_spectrum, [result])
-        found.append(Picture("spectrum", words, draw, partial(curves.impedance_over_frequency, result)))
-    if over_surface(result):
-        words = f"Resistance and reactance over ρc at each probe, {at}; colours from the 1st to the 99th percentile."
-        draw = partial(draw_map, result, frequency_index=index)
-        found.append(Picture("map", words, draw, partial(probe_rows, result, index)))
-    if result.mean_velocity.numel() > 1:
+def _pictures(results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane]) -> list[Picture]:
+    """At the tone, and over frequency where there are several; of two heights and of two runs how they differ."""
+    first, runs, found = results[0], list(zip(results, labels_of(results), strict=True)), list[Picture]()
+    main = main_of(first)
+    at, maps = f"{float(first.frequency[main]):g} Hz", [run for run in runs if over_surface(run[0])]
+    bars = f"; bands and bars: {interval_words(first)}" if first.level is not None else ""
+
+    def add(name: str, caption: str, draw: Callable[..., Any], rows: Callable[[Any], Any], of: Any = runs) -> None:
+        found.append(Picture(name, caption, draw, lambda: [{"run": k} | row for one, k in of for row in rows(one)]))
+
+    if first.mean_velocity.numel() > 1:
         words = f"Impedance along x at {at}, the admittance averaged over z{bars}."
-        draw = partial(curves.draw_along_x, [result], frequency_index=index)
-        found.append(Picture("along-x", words, draw, partial(curves.impedance_along_x, result, index)))
+        draw = partial(curves.draw_along_x, results, frequency_index=main)
+        add("along_x", words, draw, partial(curves.impedance_along_x, frequency_index=main))
+    if len(first.frequency) > 1:
+        words = f"Impedance of the whole liner over frequency{bars}. The axes end before poles of Z."
+        add("spectrum", words, partial(curves.draw_spectrum, results), curves.impedance_over_frequency)
+    limits = map_limits([one for one, _ in maps], main) if maps else None
+    for i, (one, name) in enumerate(maps):
+        words = f"{name}: R and X over ρc at each probe, {at}; colours from the 1st to the 99th percentile."
+        draw = partial(draw_map, one, frequency_index=main, limits=limits)
+        add(f"map{i or ''}", words, draw, partial(probe_rows, index=main), [(one, name)])
+    if len({one.height for one in results} - {None}) > 1:
+        placed, known = [run for run in runs if run[0].height is not None], curves.known_of(results, main)
+        drawn = [row for one, _ in placed for row in height_rows(one, main)]
+        draw = partial(draw_over_height, drawn, family(results, main), references=known)
+        add("height", f"Impedance over height at {at}{bars}.", draw, partial(height_rows, index=main), placed)
+    if len(results) == 2:
+        with contextlib.suppress(ValueError):  # other cells or averagings have no difference
+            both = compare(results[0], results[1])
+            draw = partial(curves.draw_comparison, both, frequency=float(first.frequency[main]))
+            found.append(Picture("difference", "Second minus first.", draw, lambda: both.rows))
+    if planes:
+        pairs = list(zip(planes, labels_of(planes), strict=True))
+        words = "Mean and rms of the velocity along x."
+        add("velocity", words, partial(curves.draw_velocity, planes), curves.velocity_along_x, pairs)
     return found
 
 
-def draw_pictures(results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], folder: Path) -> None:
-    """All planes in one figure of each kind: along x at the tone, over frequency where there are several, and what two
-    runs differ by; each with its numbers as CSV. Planes of other frequencies than the first have folders of their
-    own."""
-    stems = unique_names(Path(plane.name.split(":/")[0]).absolute() for plane in planes)
-    runs = list(zip(results, planes, stems, strict=True))
-    for one, plane, stem in runs:
-        if not torch.equal(one.frequency, results[0].frequency):
-            draw_pictures([one], [plane], folder / stem)
-    runs = [run for run in runs if torch.equal(run[0].frequency, results[0].frequency)]
-    maps, main, several = [one for one, _, _ in runs], main_of(results[0]), len(results[0].frequency) > 1
-    folder.mkdir(parents=True, exist_ok=True)
-    tables, limits = dict[str, list[Row]](), map_limits(maps, main)
-    for one, plane, stem in runs:
-        if over_surface(one):
-            draw_map(one, folder / f"map_{stem}.png", main, limits=limits)
-        tables[f"along_x_{stem}"] = curves.impedance_along_x(one, main)
-        if several:
-            tables[f"spectrum_{stem}"] = curves.impedance_over_frequency(one)
-        if not isinstance(plane.velocity, ReducedVelocity):  # of moments the velocity is gone
-            tables[f"velocity_{stem}"] = curves.velocity_along_x(plane)
-    curves.draw_along_x(maps, folder / "along_x.png", main)
-    if several:
-        curves.draw_spectrum(maps, folder / "spectrum.png")
-    if len({one.height for one in maps} - {None}) > 1:
-        studies.draw_maps_over_height(maps, folder / "height.png", main)
-    if len(maps) == 2:
-        with contextlib.suppress(ValueError):  # other cells or averagings have no difference
-            found = compare(maps[0], maps[1])
-            curves.draw_comparison(found, folder / "difference.png", float(maps[0].frequency[main]))
-            tables["difference"] = found.rows
-    rows = studies.level_rows(maps, main)
-    if any(row["verdict"] for row in rows):
-        studies.draw_level_check(maps, folder / "level_check.png", main)
-        tables["level_check"] = rows
-    if there := [plane for _, plane, _ in runs if not isinstance(plane.velocity, ReducedVelocity)]:
-        curves.draw_velocity(there, folder / "velocity.png")
-    for name, each in tables.items():
-        table_of(each).write_csv(folder / f"{name}.csv")
+def height_rows(result: ImpedanceMap, index: int) -> list[Row]:
+    """Z of the whole liner in each averaging, at the map's height."""
+    return [
+        {"height": result.height, "averaging": name, "impedance": complex(result.liner[name].impedance[index])}
+        | dict(zip(("low", "high"), result.bounds_of_liner(name, index) or (None, None), strict=True))
+        for name in result.averagings
+    ]

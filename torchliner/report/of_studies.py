@@ -1,4 +1,4 @@
-"""The answers of studies: audit, comparison, models, sensitivities, heights, levels, fits, validation."""
+"""The answers of studies: audit, comparison, models, sensitivities, heights, levels, fits."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -12,43 +12,33 @@ from torchliner.report.curves import draw_comparison
 from torchliner.report.table import Table, bounds_of, format_complex, table_of
 from torchliner.studies.fit import Fit
 from torchliner.studies.sensitivities import Sensitivities
-from torchliner.studies.validation import DEFAULT, errors_by_rule
 from torchliner.studies.variants import Row, Study, rows_of
 from torchliner.velocity.ir_tdibc import LevelCurve
 
 SPEEDS = (0.0, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0)  # of the last knot, at which a curve is shown
-TRUTH = "case,height,drive,mean,phase,averaging,educed,true,in_situ,low,high,error,level_check,speed,velocity_rms,mach,"
-TRUTH += "incident_level,periods"
 PREDICTED = "label,frequency,height,before,impedance,standard,fitted,true,misses,outside"
 
 
 def of_audit(found: Study) -> Answer:
-    """What each open choice moves, the largest first; the base and its interval are rows of the CSV too."""
-    shown, level = "factor,variant,impedance,change.real,change.imag,level_check", found.level_check
-    first = [Row(factor="base", variant=found.averaging, impedance=found.base, level_check=level)]
-    ends = {"low": found.low, "high": found.high}
-    first += [Row(factor="interval", variant=name, impedance=z) for name, z in ends.items() if z is not None]
-    rows = [Row(row, change=row.impedance - found.base) for row in first] + list(found.rows)
-    rows += [Row(factor=key, variant="does not apply", note=why) for key, why in found.skipped.items()]
-    worst = {row.factor: row for row in reversed(found.rows)}  # the first of each, which moves Z most
+    """What each open choice moves, the largest first; on the screen the variant of each that moves Z most."""
+    worst, level = {row.factor: row for row in reversed(found.rows)}, found.level_check
+    words = impedance_words(found.base, bounds_of(found), found.level)
     lines = [
-        f"{impedance_words(found.base, bounds_of(found), found.level)}, whole liner, averaging {found.averaging}, "
-        f"{found.frequency:g} Hz.",
+        f"{words}, whole liner, averaging {found.averaging}, {found.frequency:g} Hz.",
         f"Level check{':' if level is None else f' {level:+.2f} dB'} {found.level_check_words}.",
         *(f"{r.factor} moves Z most: {r.variant}, by {format_complex(r.change)}." for r in found.rows[:1]),
     ]
-    skipped = [f"{factor} does not apply: {reason}" for factor, reason in found.skipped.items()]
-    words = f"{found.title}: what each choice moves"
+    draw, words = partial(studies.draw_audit, found), f"{found.title}: what each choice moves"
     return Answer(
         title=f"Audit: {found.title}",
         lines=lines,
-        table=table_of(rows, shown),
-        brief=table_of([row for row in found.rows if row is worst[row.factor]], shown),
+        table=table_of(found.rows, "factor,variant,impedance,change,level_check"),
+        brief=[row for row in found.rows if row is worst[row.factor]],
         caption="Every variant and how far it moves Z.",
-        remarks=skipped,
+        remarks=[*(f"{factor} does not apply: {reason}" for factor, reason in found.skipped.items())],
         notes=found.notes,
         step="".join(f"state which {r.factor} you take, and why: it moves Z most" for r in found.rows[:1]),
-        pictures=[Picture("audit", words, partial(studies.draw_audit, found), lambda: found.rows)],
+        pictures=[Picture("audit", words, draw, lambda: found.rows)],
         results=[found],
         more=found,
     )
@@ -71,15 +61,15 @@ def of_comparison(found: Study) -> Answer:
 
 def of_models(found: Study) -> Answer:
     """A row a frequency and model, the nearest first."""
-    brief = "model,frequency,impedance,interval,level_check"
-    brief += "".join(f",distance.{name}" for name in found.references)
-    known = [f"{name}: {format_complex(value)}" for name, value in found.references.items()]
-    check = f"Level check: {found.level_check_words}."
+    distances = "".join(f",distance.{name}" for name in found.references)
     return Answer(
         title=f"Models: {found.title}",
-        lines=[f"Whole liner, averaging {found.averaging}; models by {found.sorted_by}.", *known, check],
-        table=table_of(found.rows, f"{brief},model_error"),
-        brief=table_of(found.rows, brief),
+        lines=[
+            f"Whole liner, averaging {found.averaging}; models by {found.sorted_by}.",
+            *(f"{name}: {format_complex(value)}" for name, value in found.references.items()),
+            f"Level check: {found.level_check_words}.",
+        ],
+        table=table_of(found.rows, f"model,frequency,impedance,interval,level_check{distances}"),
         caption="Z by each model.",
         notes=found.notes,
         pictures=[Picture("models", f"{found.title}: models", partial(studies.draw_models, found), lambda: found.rows)],
@@ -92,10 +82,10 @@ def of_sensitivities(
 ) -> Answer:
     """dZ of each parameter per SI unit and per 1 %, or its share of a ``budget`` of uncertainty; largest first."""
     averaging, frequency = averaging or found.found.averaging, found.found.frequency.tolist()
-    nominal, rows, together = found.found.liner[averaging].impedance.tolist(), list[Row](), list[float]()
+    nominal, together, rows = found.found.liner[averaging].impedance.tolist(), list[float](), list[dict[str, Any]]()
     lines = [f"Z = {format_complex(z)} at {f:g} Hz" for f, z in zip(frequency, nominal, strict=True)]
     if budget is None:
-        shown, meaning = "slope.real,slope.imag,step.real,step.imag", "p in its unit"
+        shown, meaning = "slope,step", "p in its unit"
         columns = rows_of(
             frequency=found.found.frequency,
             parameter=[[name] for name in found.numbers],
@@ -104,14 +94,15 @@ def of_sensitivities(
             slope=found.liner[averaging],
             step=found.per_percent().liner[averaging],
         )
-        rows = sorted(map(Row, columns), key=lambda row: (frequency.index(row.frequency), -abs(row.step)))
+        rows = sorted(columns, key=lambda row: (frequency.index(row["frequency"]), -abs(row["step"])))
     else:
-        shown, meaning = "half_width,standard,impedance.real,impedance.imag", f"tolerances are {limits}"
+        shown, meaning = "half_width,standard,change", f"tolerances are {limits}"
+        for row in budget.of(averaging=averaging):
+            rows.append({key: value for key, value in row.items() if key != "impedance"} | {"change": row.impedance})
         covariance = budget.covariance[averaging]
         together = (covariance[:, 0, 1] / (covariance[:, 0, 0] * covariance[:, 1, 1]).sqrt()).nan_to_num(0).tolist()
-        for i, (f, total) in enumerate(zip(frequency, budget.combined[averaging].tolist(), strict=True)):
-            rows += budget.of(averaging=averaging, frequency=f)
-            rows.append(Row(averaging=averaging, frequency=f, parameter="combined", impedance=total))
+        for i, total in enumerate(budget.combined[averaging].tolist()):
+            rows.append({"frequency": frequency[i], "parameter": "combined", "change": total})
             lines[i] += (
                 f", standard uncertainty of R {total.real:.2g} and of X {total.imag:.2g}, "
                 f"their correlation {together[i]:+.2f}"
@@ -129,9 +120,9 @@ def of_sensitivities(
 
 def of_heights(study: Study) -> Answer:
     """Z over height by averaging, what else speaks of a height, and which one to take."""
-    brief = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
-    checks = "".join(f",level_check.{name}" for name in study.rows[0].level_check)
-    more, lines = ",coherence,velocity_rms,modulation", list[str]()
+    shown = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
+    shown += "".join(f",level_check.{name}" for name in study.rows[0].level_check)
+    lines = []
     for name, height in study.heights.items():
         at = "no height qualifies" if height is None else f"y = {1e3 * height:.3g} mm is the lowest that qualifies"
         lines.append(f"{name}: {at}")
@@ -140,20 +131,19 @@ def of_heights(study: Study) -> Answer:
     step = "no plane of these will do: calibrate the liner, give a run without sound, or take other heights"
     if study.height is not None:
         step = f"torchliner educe with the plane at y = {1e3 * study.height:.3g} mm"
+    remarks = [f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items()]
     drawn = [Row(row, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()]
-    hard = " (null test)" if study.choices.get("surface") == "hard wall" else ""
-    title = f"{study.title}{hard}, {study.frequency:g} Hz"
+    title = f"{study.title}{' (null test)' * (study.choices.get('surface') == 'hard wall')}, {study.frequency:g} Hz"
     known = {"reference": study.reference["true"]} if "true" in study.reference else {}
     draw = partial(studies.draw_over_height, drawn, title, references=known)
     judged = table_of(study.judged, "averaging,height,name,value,limit,passed")
     return Answer(
         title=f"Heights: {study.title}, {study.frequency:g} Hz",
         lines=lines,
-        table=table_of(study.rows, f"{brief}{checks}{more},drift"),
-        brief=table_of(study.rows, brief + (checks or more)),
+        table=table_of(study.rows, f"{shown},coherence,velocity_rms,modulation,drift"),
         caption="Each height, whole plane.",
         grids=[Grid("judged", "Level check in dB, all else a share of 1.", judged)],
-        remarks=[f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items()],
+        remarks=remarks,
         notes=study.notes,
         step=step,
         pictures=[Picture("heights", f"{study.title}: Z over height", draw, lambda: study.rows)],
@@ -179,8 +169,7 @@ def of_curve(curve: LevelCurve) -> Answer:
     return Answer(
         title=f"{chosen['liner']}: {chosen['incident']}",
         lines=[f"A record of {1e3 * chosen['duration']:.4g} ms at {chosen['sampling_rate']:g} Hz, {kernel}."],
-        table=table_of(rows, "level,frequency,impedance,rms_speed,peak_speed,fixed_point,frozen,drift"),
-        brief=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point"),
+        table=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point,peak_speed,frozen,drift"),
         remarks=["Z over ρc; fixed point: Z(rms v); frozen: what the kernel changes with |v| frozen at its rms."],
         pictures=[Picture("levels", words, partial(studies.draw_levels, curve), lambda: rows)],
         results=[curve],
@@ -200,8 +189,8 @@ def of_fit(found: Fit, predicted: Sequence[Any] = (), words: str = "") -> Answer
         if spread[i] * spread[j] > 0
     ]
     noise = "stated noise" if found.stated else "noise from the residual"
-    title, drawn = f"averaging: {found.choices.averaging}", list(predicted or found.rows)
-    draw = partial(studies.draw_predictions, {title: drawn}, "")
+    title, drawn, about = f"averaging: {found.choices.averaging}", list(predicted or found.rows), _about(found)
+    draw = partial(studies.draw_predictions, drawn, title)
     return Answer(
         title=f"Calibration: {found.law.label}",
         lines=[*filter(None, [words]), *([f"correlations: {', '.join(pairs)}"] if pairs else [])],
@@ -209,13 +198,13 @@ def of_fit(found: Fit, predicted: Sequence[Any] = (), words: str = "") -> Answer
         caption="The parameters that were fitted, SI.",
         grids=_planes(found.rows, "The planes that were fitted.", predicted),
         remarks=[
-            f"{found.data} data, {len(names)} parameters, sum of squares {float(found.residuals.square().sum()):.4g} "
-            f"({noise}); {title}"
+            f"{found.data} data, {len(names)} parameters, sum of squares {about['sum_of_squares']:.4g} ({noise}); "
+            f"{title}"
         ],
         notes=found.notes,
         step="predict other planes: --predict PLANE ..." if not predicted else "",
         pictures=[Picture("predictions", title, draw, lambda: drawn)],
-        more=_about(found),
+        more=about,
     )
 
 
@@ -285,28 +274,4 @@ def of_identification(found: Study, predicted: Sequence[Any] = ()) -> Answer:
         notes=found.notes,
         pictures=[Picture("law", "R and X over |v|", partial(studies.draw_identification, found), lambda: curve)],
         more=_about(fit),
-    )
-
-
-def table_of_rules(rows: Sequence[Any]) -> Table:
-    """Every rule of every plane."""
-    return table_of(rows, "case,height,drive,mean,phase,averaging,educed,true,error", TRUTH)
-
-
-def of_validation(*rows: Any) -> Answer:
-    """Every rule beside the reference impedance of resolved cases; on the screen the default rules."""
-    rules = sorted(errors_by_rule(rows), key=lambda each: abs(each.median))
-    words = f"Median |dR| + j |dX| of each rule over {rules[0].planes} planes."
-    default = [row for row in rows if row.rule == DEFAULT]
-    return Answer(
-        title="Validation: |Z - Z_true| of the default rules",
-        lines=[],
-        table=table_of_rules(rows),
-        brief=table_of(default, "case,height,averaging,educed,true,error"),
-        caption="Every rule of every plane.",
-        grids=[Grid("rules", words, table_of(rules, "drive,mean,phase,averaging,median"))],
-        remarks=[
-            "Default: phase averaged, instantaneous |v|, mean kept. 'given' is the phase of the reference wave, which "
-            "only a simulation knows."
-        ],
     )

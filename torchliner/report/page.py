@@ -4,7 +4,7 @@ import base64
 import io
 import shlex
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,12 @@ from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, Poin
 from torchliner.records.notes import Note
 from torchliner.records.origin import described, input_file, standing
 from torchliner.report.answer import Answer, Grid, answer_of, ordered
-from torchliner.report.figure import require_matplotlib, typeset
-from torchliner.report.table import DIGITS, Table, table_of
+from torchliner.report.figure import require_matplotlib
+from torchliner.report.table import DIGITS, table_of
 
 ENDING = ".html"
 MOST_ROWS, MOST_IN_CSV = 400, 40_000  # of a table on the page, and of its CSV
 MOST_LISTED = 8  # numbers of a choice
-INPUT = {"what": str, "name": str, "bytes": int, "hash": str}  # of one that is stored
 APART = ("inputs", "version", "versions", "command")  # choices that stand under provenance
 RESULTS: dict[str, Callable[[Path], Any]] = {
     ImpedanceMap.SCHEMA: read_map,
@@ -78,13 +77,19 @@ def write_page(answer: Answer, path: str | Path) -> None:
     """
     css, template = (Path(__file__).with_name(f"page.{end}").read_text(encoding="utf-8") for end in ("css", "html"))
     environment = require_report().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=shown)
-    environment.globals.update(csv=csv_link, svg=svg_link, typeset=lambda text: typeset(shown(text)))
+    environment.globals.update(csv=csv_link, svg=svg_link)
     rows = [{"choice": name, "value": text} for name, text in _flat(answer.choices)]
+    inputs = [(each, standing(each)) for each in inputs_of(*answer.results)]
+    changed = [
+        Note("changed-input", f"{each['what']}: {each['name']} is {now.words}; it is not what the result was made of")
+        for each, now in inputs
+        if now.changed
+    ]
     html = environment.from_string(template).render(
         answer=answer,
-        warnings=ordered([*changed(*answer.results), *answer.notes]),
+        warnings=ordered([*changed, *answer.notes]),
         choices=[Grid("choices", "Every choice behind the result.", table_of(rows, "choice,value"))] if rows else [],
-        origin=list(_origin(answer)),
+        origin=[*((each["what"], f"{described(each)}; {now.words}") for each, now in inputs), *_made_by(answer)],
         cite=CITE,
         most=MOST_ROWS,
         css=css,
@@ -112,10 +117,10 @@ def shown(value: Any) -> Any:
     return value if hasattr(value, "__html__") else printable(str(value))
 
 
-def csv_link(table: Table) -> str:
-    """The table as a data URI, of long ones every n-th row."""
-    file, step = io.StringIO(), -(-len(table.rows) // MOST_IN_CSV)
-    fill_csv(file, Table(table.rows[::step], (), table.csv).as_rows(), DIGITS)
+def csv_link(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A table as a data URI, of long ones every n-th row."""
+    file = io.StringIO()
+    fill_csv(file, table_of(rows[:: -(-len(rows) // MOST_IN_CSV)]).as_rows(), DIGITS)
     return _data("text/csv;charset=utf-8", file.getvalue().encode("utf-8"))
 
 
@@ -134,54 +139,35 @@ def _data(kind: str, content: bytes) -> str:
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    """Every choice in words, those of a mapping behind its name."""
+    """Every choice in words, those of a mapping behind its name; of many values the first."""
     for key, value in values.items():
-        if isinstance(value, Mapping) and key not in APART:
-            yield from _flat(value, f"{before}{key}, ")
-        elif value is not None and key not in APART:
-            yield f"{before}{key.replace('_', ' ')}", words(value)
-
-
-def words(value: Any) -> str:
-    """A value in one line; of many values the first."""
-    if isinstance(value, list | tuple):
-        more = f" ... ({len(value)} values)" if len(value) > MOST_LISTED else ""
-        return ", ".join(map(words, value[:MOST_LISTED])) + more
-    return f"{value:.7g}" if isinstance(value, float) else str(value)
+        name = f"{before}{key.replace('_', ' ')}"
+        if key in APART or value is None:
+            continue
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{name}, ")
+        else:
+            several = value if isinstance(value, list | tuple) else [value]
+            more = f" ... ({len(several)} values)" if len(several) > MOST_LISTED else ""
+            words = (f"{each:.7g}" if isinstance(each, float) else str(each) for each in several[:MOST_LISTED])
+            yield name, ", ".join(words) + more
 
 
 def inputs_of(*results: Any) -> list[Mapping[str, Any]]:
-    """The inputs that results hold, each once; a file may hold anything of that name."""
-    data = [each for one in results if isinstance(each := one.choices.get("data"), Mapping)]
-    lists = [each.get("inputs") for each in (*(one.choices for one in results), *data)]
-    found = list[Mapping[str, Any]]()
-    for each in [each for several in lists if isinstance(several, list) for each in several]:
-        known = isinstance(each, Mapping) and all(isinstance(each.get(key), kind) for key, kind in INPUT.items())
-        if known and each not in found:
-            found.append(each)
-    return found
+    """The inputs that results, and the data that they are of, name: each once."""
+    choices = [one.choices for one in results]
+    choices += [data for each in choices if isinstance(data := each.get("data"), Mapping)]
+    every = [each for some in choices for each in some.get("inputs", ())]
+    return [each for i, each in enumerate(every) if each not in every[:i]]
 
 
-def changed(*results: Any) -> list[Note]:
-    """Warnings of inputs that are no longer what they were."""
-    found = [(each, standing(each)) for each in inputs_of(*results)]
-    return [
-        Note("changed-input", f"{each['what']}: {each['name']} is {now.words}; it is not what the result was made of")
-        for each, now in found
-        if now.changed
-    ]
-
-
-def _origin(answer: Answer) -> Iterator[tuple[str, str]]:
-    """Inputs with their hashes then and now, the file itself, versions, commands as they were typed."""
-    for each in inputs_of(*answer.results):
-        yield each["what"], f"{described(each)}; {standing(each).words}"
+def _made_by(answer: Answer) -> Iterator[tuple[str, str]]:
+    """The file itself, versions, commands as they were typed."""
     yield "result", "in memory" if answer.source is None else described(input_file("result", answer.source))
     for one in answer.results[:1]:
-        made = one.choices.get("versions")
-        made = made if isinstance(made, Mapping) else {"torchliner": one.choices.get("version", "not stated")}
+        made = one.choices.get("versions", {"torchliner": one.choices.get("version", "not stated")})
         yield "made by", ", ".join(f"{name} {version}" for name, version in made.items())
-    typed = [command for one in answer.results if isinstance(command := one.choices.get("command"), list)]
+    typed = [command for one in answer.results if (command := one.choices.get("command"))]
     for text in dict.fromkeys(shlex.join(["torchliner", *map(str, each)]) for each in typed):
         yield "command", text
     if not typed:

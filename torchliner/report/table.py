@@ -1,12 +1,13 @@
 """One table for every outlet: text, page, CSV and JSON. How a quantity is shown stands in ``QUANTITIES``, once."""
 
 import cmath
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from torchliner.io.csv_rows import write_rows
+from torchliner.records.notes import Note
 
 Row = dict[str, Any]
 Bounds = tuple[complex, complex]
@@ -16,23 +17,15 @@ DIGITS = ".9g"  # of numbers in CSV
 
 
 def format_complex(value: complex | None) -> str:
-    """'0.168-0.066j'; no zero has a minus; '-' if unknown; 'rigid' above ``HARD``."""
+    """'0.168-0.066j'; '-' if unknown; 'rigid' above ``HARD``."""
     if value is None or value != value:
         return "-"
-    if abs(value) > HARD:
-        return "rigid"
-    real, imaginary = (round(part, 3) + 0.0 for part in (value.real, value.imag))
-    return f"{real:.3f}{imaginary:+.3f}j"
-
-
-def format_pair(value: complex) -> str:
-    """'0.012, 0.034' of the uncertainties of R and X."""
-    return "no bound" if cmath.isinf(value) else f"{value.real:.2g}, {value.imag:.2g}"
+    return "rigid" if abs(value) > HARD else f"{value:.3f}"
 
 
 def format_bounds(ends: Bounds | None) -> str:
     """'R 0.150 to 0.170, X -0.061 to -0.052'; '-' if unknown."""
-    if ends is None or ends[0] != ends[0]:
+    if ends is None:
         return "-"
     low, high = ends
     return f"R {low.real:.3f} to {high.real:.3f}, X {low.imag:.3f} to {high.imag:.3f}"
@@ -44,18 +37,15 @@ def bounds_of(row: Mapping[str, Any]) -> Bounds | None:
     return None if low is None or high is None or not cmath.isfinite(low + high) else (low, high)
 
 
-# Heading, format of a number or function of the value, scale. What is not here is shown by its name and four digits.
+# Heading, format of a number, scale. What is not here is shown by its name with four digits, Z with three decimals.
 QUANTITIES: dict[str, tuple[Any, ...]] = {
-    "change.real": ("dR", "+.3f"),
-    "change.imag": ("dX", "+.3f"),
+    "change": ("dZ", "+.3f"),
     "decay": ("decay (dB/m)", ".2f"),
-    "deviation": ("u(R), u(X)", format_pair),
+    "deviation": ("u(R) + j u(X)", ".2g"),
     "duration": ("T (s)", ".3f"),
     "frequency": ("f (Hz)", ".1f"),
     "height": ("y (mm)", ".2f", 1e3),
     "impedance": ("Z",),
-    "impedance.real": ("dR", "+.5f"),
-    "impedance.imag": ("dX", "+.5f"),
     "level": ("level (dB)", ".1f"),
     "level_check": ("level check (dB)", "+.2f"),
     "longest_gap": ("gap (ms)", ".2f", 1e3),
@@ -64,15 +54,13 @@ QUANTITIES: dict[str, tuple[Any, ...]] = {
     "rate": ("rate (1/s)", ".1f"),
     "residual": ("residual (%)", ".3f", 100.0),
     "rms_speed": ("rms v (m/s)",),
-    "segment_spread": ("spread of segments", format_pair),
-    "slope.real": ("dR/dp", "+.4g"),
-    "slope.imag": ("dX/dp", "+.4g"),
+    "segment_spread": ("spread of segments", ".2g"),
+    "slope": ("dZ/dp", "+.4g"),
     "speed": ("|v| (m/s)", ".3g"),
     "spl": ("SPL (dB)", ".3f"),
-    "spread": ("spread of R, X", format_pair),
-    "standard": ("u", lambda value: format_pair(value) if isinstance(value, complex) else f"{value:.3g}"),
-    "step.real": ("dR per 1 %", "+.5f"),
-    "step.imag": ("dX per 1 %", "+.5f"),
+    "spread": ("spread", ".2g"),
+    "standard": ("u", ".3g"),
+    "step": ("dZ per 1 %", "+.5f"),
     "tone_velocity": ("v at f (m/s)", ".3f"),
     "velocity_rms": ("v_rms (m/s)", ".3f"),
     "x": ("x (mm)", ".2f", 1e3),
@@ -80,77 +68,59 @@ QUANTITIES: dict[str, tuple[Any, ...]] = {
     "z": ("z (mm)", ".2f", 1e3),
     # of values by name, such as "distance.true"
     "distance.": ("|Z - {}|", ".3f"),
-    "level_check.": ("level check (dB), {}", "+.2f"),
-    ".": ("Z, {}",),
+    "impedance.": ("Z, {}",),
+    "level_check.": ("dB off, {}", "+.2f"),
 }
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column of text and pages.
+class Column(NamedTuple):
+    """One column of text and pages: a name in the rows, or "group.name" of values by name."""
 
-    Args:
-        heading: with the unit.
-        of: where a row has the value, such as "slope" or "slope.real", or a function of the row.
-        text: format of a number, or a function that writes any value; default by its kind. Unknown values are "-".
-        scale: factor of numbers, such as 1e3 for mm.
-    """
-
+    name: str
     heading: str
-    of: str | Callable[[Any], Any]
-    text: str | Callable[[Any], str] = ""
+    form: str = ""
     scale: float = 1.0
 
-    def value(self, row: Any) -> Any:
-        """Of one row: of a function, by its name, or a part of what has a name; None for what is nan."""
-        if callable(self.of):
-            return self.of(row)
-        key, _, part = self.of.partition(".")
-        value = row.get(self.of, row.get(key))
-        if self.of not in row and part:
-            value = value.get(part) if isinstance(value, Mapping) else getattr(value, part, None)
+    def value(self, row: Mapping[str, Any]) -> Any:
+        """Of one row; None for what is nan."""
+        group, _, key = self.name.partition(".")
+        value: Any = bounds_of(row) if group == "interval" else row.get(group)
+        value = (value or {}).get(key) if key else value
         return value if value == value else None
 
-    def cell(self, row: Any) -> str:
+    def cell(self, row: Mapping[str, Any]) -> str:
         """In text."""
         value = self.value(row)
-        if value is None:
-            return "-"
-        if callable(self.text):
-            return self.text(value)
-        if isinstance(value, complex):
+        if self.name == "interval":
+            return format_bounds(value)
+        if value is None or (isinstance(value, complex) and not self.form):
             return format_complex(value)
-        if not isinstance(value, int | float):
+        if not isinstance(value, int | float | complex):
             return str(value)
-        form = self.text or ("" if isinstance(value, int) else ".4g")
+        form = self.form or ("" if isinstance(value, int) else ".4g")
         return format(value if self.scale == 1.0 else self.scale * value, form)
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows by name, and what is shown of them.
-
-    Args:
-        rows: at least one for ``write_csv``.
-        shown: columns of text and pages.
-        csv: names of what CSV has; default every value.
-    """
+    """Rows by name, at least one for ``write_csv``, which has every value; what text and pages show of them."""
 
     rows: Sequence[Mapping[str, Any]]
-    shown: Sequence[Column]
-    csv: Sequence[str] | None = None
+    shown: Sequence[Column] = ()
 
     def numeric(self, column: Column) -> bool:
         """Whether it has numbers, which stand to the right."""
         return not all(isinstance(column.value(row), str | None) for row in self.rows)
 
-    def as_text(self, most: int | None = None) -> str:
-        """Columns as wide as they need; ``most`` rows."""
-        columns = []
+    def as_text(self, most: int | None = None, width: int | None = None) -> str:
+        """Columns as wide as they need; ``most`` rows; the first columns that fit into ``width`` characters."""
+        columns, left = list[list[str]](), width or 1 << 20
         for column in self.shown:
             cells = [column.heading, *(column.cell(row) for row in self.rows[:most])]
-            width = max(map(len, cells))
-            columns.append([cell.rjust(width) if self.numeric(column) else cell.ljust(width) for cell in cells])
+            own = max(map(len, cells))
+            if (left := left - own - 2) < -2:
+                break
+            columns.append([cell.rjust(own) if self.numeric(column) else cell.ljust(own) for cell in cells])
         return "\n".join("  ".join(cells).rstrip() for cells in zip(*columns, strict=True))
 
     def as_rows(self) -> list[Row]:
@@ -163,9 +133,8 @@ class Table:
         kinds: Row = {}
         for row in self.rows:
             kinds |= {name: value for name, value in row.items() if kinds.get(name) is None}
-        names = kinds if self.csv is None else self.csv
         return [
-            {key: value for name in names for key, value in _flat(name, kinds.get(name), row.get(name))}
+            {key: value for name, kind in kinds.items() for key, value in _flat(name, kind, row.get(name))}
             for row in self.rows
         ]
 
@@ -174,18 +143,14 @@ class Table:
         write_rows(self.as_rows(), path, DIGITS)
 
 
-def table_of(rows: Iterable[Mapping[str, Any]], shown: str = "", csv: str | None = None) -> Table:
-    """Rows as a table.
-
-    Args:
-        rows: values by name.
-        shown: names of values, with commas between, those that some row has; see ``QUANTITIES``.
-        csv: names of what is in the CSV; default every value.
-    """
-    rows = list(rows)
-    columns = [_column(name) for name in shown.split(",") if name]
-    known = [column for column in columns if any(column.value(row) not in (None, "") for row in rows)]
-    return Table(rows, known, None if csv is None else csv.split(","))
+def table_of(rows: Iterable[Mapping[str, Any]], shown: str = "") -> Table:
+    """Rows as a table that shows what ``shown`` names, with commas between, and some row has; see ``QUANTITIES``."""
+    rows, columns = list(rows), list[Column]()
+    for name in shown.split(",") if shown else ():
+        group, _, key = name.partition(".")
+        heading, *form = QUANTITIES.get(f"{group}." if key else name, (name.replace("_", " "),))
+        columns.append(Column(name, heading.format(key), *form))
+    return Table(rows, [each for each in columns if any(each.value(row) not in (None, "") for row in rows)])
 
 
 def parts_of(name: str) -> tuple[str, str]:
@@ -208,12 +173,18 @@ def _flat(name: str, kind: Any, value: Any) -> Iterator[tuple[str, Any]]:
         yield name, value
 
 
-def _column(name: str) -> Column:
-    if name == "interval":  # of a whole row
-        return Column(name, bounds_of, format_bounds)
-    group, _, key = name.partition(".")
-    if key and name not in QUANTITIES:
-        heading, *form = QUANTITIES.get(f"{group}.", QUANTITIES["."])
-        return Column(heading.format(key), name, *form)
-    heading, *form = QUANTITIES.get(name, (name.replace("_", " "),))
-    return Column(heading, name, *form)
+def plain_of(value: Any, name: str = "") -> Any:
+    """What JSON can hold: a complex value in two parts, what is not finite as null; records are left out."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Note):
+        return vars(value)
+    if isinstance(value, complex):
+        return dict(zip(parts_of(name), (plain_of(value.real), plain_of(value.imag)), strict=True))
+    if isinstance(value, Mapping):
+        plain = (str, int, float, complex, Mapping, list, tuple, Note, type(None))
+        kept = {key: each for key, each in value.items() if isinstance(each, plain) or hasattr(each, "tolist")}
+        return {str(key): plain_of(each, str(key)) for key, each in kept.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_of(each, name) for each in value]
+    return None if isinstance(value, float) and not cmath.isfinite(value) else value
