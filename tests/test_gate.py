@@ -115,7 +115,7 @@ def test_devices_links_in_circles_and_protected_files_are_refused(folder):
 
 
 BEFORE = [  # tested before a plane is read
-    ("educe --figure table.csv", "is there and no folder"),
+    ("educe --figure table.csv", "it must be one of .png"),
     ("educe -o none/m.h5", "the folder none does not exist"),
     ("educe --liner ltt.toml", "did you mean 'lt.toml'"),
     ("educe --in-situ /dev/null", "is a device or a pipe"),

@@ -200,7 +200,7 @@ def _educed(unit: Unit) -> Rows:
         (output / folder).mkdir(exist_ok=True)
     found.write(unit.result("maps", ".h5"))
     about = {"height": found.height, "source_side": found.source_side, "averaging": found.averaging}
-    about |= {"notes": len(found.notes), "status": DONE}
+    about |= {"notes": float(len(found.notes)), "status": DONE}
     rows = []
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
         table_of(impedance_along_x(found, i)).write_csv(unit.result("lines", f"_{f:.10g}Hz.csv"))
