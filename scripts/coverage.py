@@ -34,7 +34,7 @@ from common import options_of, parser_of
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.liners.model import LinerModel
 from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, draw_pressures
-from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
+from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import WallEduction
 from torchliner.records.educed import Educed, Interval
@@ -59,7 +59,6 @@ SIDES = {"upstream": "downstream", "downstream": "upstream"}  # of the source, a
 METHODS: dict[str, Callable[..., WallEduction]] = {
     "kt": kumaresan_tufts,
     "two-waves": two_wave_fit,
-    "free-waves": free_wave_fit,
 }
 SIZES = (1.0, 2.0, 4.0)  # of the errors, over those assumed
 

@@ -11,15 +11,12 @@ import torch
 from conftest import doubtful
 
 import torchliner as tl
-from torchliner.duct.case import DuctCase
-from torchliner.duct.flow_profiles import TanhProfile, UniformProfile
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
 from torchliner.least_squares import Problem, System, best_of, damped_step, least_squares
 from torchliner.pressure.fit_field import fit_field
 from torchliner.pressure.waves import kumaresan_tufts
-from torchliner.records import MicrophoneLine
 
 TRUE = 1.4 - 0.6j
 
@@ -94,25 +91,6 @@ def test_walls_at_the_ends_of_the_range(wall):
     assert abs(complex(found.impedance[0]) - wall) < 1e-6 * (1 + abs(wall))
 
 
-@doubtful
-def test_a_fit_that_leans_on_a_growing_wave_says_so():
-    """Pressures of uniform flow fitted with a sheared profile, in which that liner amplifies: the fit flees."""
-    x, frequency = torch.linspace(0.02, 0.78, 12).double(), torch.tensor([500.0]).double()
-    cases = [
-        DuctCase(profile, 0.0, 0.8, [(0.2, 0.6)], slip_condition=slip)
-        for profile, slip in ((UniformProfile(0.3, 0.0635), "ingard-myers"), (TanhProfile(0.3, 0.0635, 0.1), None))
-    ]
-    flat, sheared = (DuctSolver(case, frequency) for case in cases)
-    heard = flat.solve(0.8 + 0.4j).wall_pressure(x.numpy(), "opposite").detach().movedim(-1, -2)
-    about = {"duct_height": 0.0635, "mach": 0.3, "fluid": tl.Fluid(sound_speed=cases[0].profile.sound_speed)}
-    line = MicrophoneLine(x, heard, frequency, source_side="upstream", **about)
-    right, wrong = (fit_field(line, duct, start=2.0) for duct in (flat, sheared))
-    assert abs(complex(right.impedance[0]) - (0.8 + 0.4j)) < 1e-6
-    assert right.notes == ()
-    assert abs(complex(wrong.impedance[0]) - (0.8 + 0.4j)) > 0.5
-    assert {"growing-wave", "model-misfit"} <= {note.code for note in wrong.notes}
-
-
 @pytest.mark.parametrize(
     ("change", "options", "match"),
     [
@@ -122,7 +100,7 @@ def test_a_fit_that_leans_on_a_growing_wave_says_so():
         ({"liner_end": 0.14}, {}, r"liner_end \(m\) is 0\.14, of the duct 0\.15"),
         ({"source_side": "unknown"}, {}, "source_side is 'unknown'"),
         ({"frequency": [900.0, 1600.0]}, {}, r"\[900\.0, 1600\.0\] Hz, of the duct"),
-        ({}, {"level_error": 0.0}, r"level_error \(dB\) is 0; .*0\.0001"),
+        ({}, {"level_error": 0.0}, r"level_error is 0; .*0\.0001"),
         ({}, {"far_end": "open"}, "far_end 'open'.*fitted, stated"),
     ],
 )
@@ -167,17 +145,6 @@ def test_the_misfit_of_a_right_model_is_chi_squared():
     value = found.draws.misfit[:, 0].numpy() * freedom
     assert scipy.stats.kstest(value, "chi2", args=(freedom,)).pvalue > 0.01
     assert (value > scipy.stats.chi2.ppf(0.99, freedom)).mean() < 0.04
-
-
-def test_a_wall_near_a_rigid_one_is_told_of():
-    """The error of Z to first order is too small; that of 1/Z is not."""
-    line, solver = solved(impedance=120.0, frequency=(1500.0,))
-    with pytest.warns(tl.DataWarning, match="a rigid wall is within 6 standard errors: those of 1/Z"):
-        found = fit_field(line, solver, draws=80)
-    scatter = (1 / found.draws.impedance).real.std(0)
-    stated = found.standard_error.real / found.impedance.abs() ** 2
-    assert torch.allclose(scatter, stated, rtol=0.25)
-    assert float(found.standard_deviation.real) > 1.3 * float(found.standard_error.real)
 
 
 class Rosenbrock(Problem):

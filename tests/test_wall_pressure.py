@@ -23,7 +23,7 @@ from torchliner.duct.presets import duct_text
 from torchliner.names import CONDITIONS
 from torchliner.pressure.microphone_errors import LEVEL_ERROR
 from torchliner.pressure.plane_waves import sort_waves
-from torchliner.pressure.two_waves import free_wave_fit, two_wave_fit
+from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import MicrophoneLine
 
@@ -124,12 +124,11 @@ def noisy(pressure, count: int, seed: int):
     ("options", "match"),
     [
         ({"order": 7}, "12 microphones are fewer than twice the order, 7; the most is 6"),
-        ({"rank": 7}, "12 microphones allow an order of 6, half of them, below the rank, 7"),
-        ({"rank": 7, "order": 6}, "rank is 7; it must be 1 to the order, 6"),
+        ({"rank": 7}, "rank is 7; it must be 1 to the order, 6"),
         ({"source_side": "left"}, "source_side is 'left'; give 'upstream' or 'downstream'"),
         ({"condition": "myers"}, "unknown condition 'myers' .did you mean 'ingard-myers'"),
         ({"draws": -1}, "draws is -1; 0 for none, or at least 2"),
-        ({"draws": 5, "phase_error": math.nan}, r"phase_error \(degrees\) is nan"),
+        ({"draws": 5, "phase_error": math.nan}, "phase_error is nan"),
         ({"margin": 0.2}, "0 microphones lie over the liner"),
     ],
 )
@@ -148,7 +147,7 @@ APART = 0.2 * torch.arange(12, dtype=torch.float64)
     [
         (lambda: line_of(wave("upstream")[0], frequency=[1000.0, 1500.0, LIMIT + 1]), f"{LIMIT:.4g} Hz .* 50 mm"),
         (lambda: line_of(wave("upstream")[0], duct_width=0.15), "width, 150 mm"),
-        (lambda: line_of(torch.exp(-1j * (5 - 0.5j) * APART[:, None]).expand(-1, 3), x=APART), "1115 Hz .* 200 mm"),
+        (lambda: line_of(torch.exp(-1j * (5 - 0.5j) * APART[:, None]).expand(-1, 3), x=APART), "wavelength above 1115 Hz"),
         (
             lambda: line_of(torch.exp(-1j * (20 + 0.5j) * X[:, None]).expand(-1, 3)),
             "at 3 of 3 .* resistance is negative",
@@ -183,11 +182,10 @@ def both_ways(side="upstream", x=X, share=0.3 + 0.2j, **about):
 
 
 @pytest.mark.parametrize("side", OTHER)
-@pytest.mark.parametrize("tied", [True, False])
 @pytest.mark.parametrize("condition", CONDITIONS)
-def test_known_walls_come_back(side, tied, condition):
+def test_known_walls_come_back(side, condition):
     pressure, alpha, beta = both_ways(side, UNEVEN, condition=condition)
-    found = two_wave_fit(line_of(pressure, side, UNEVEN), tied=tied, condition=condition)
+    found = two_wave_fit(line_of(pressure, side, UNEVEN), condition=condition)
     assert relative_error(found.impedance, WALLS) < 1e-9
     assert relative_error(found.modes, torch.stack([alpha, beta])) < 1e-9
     assert relative_error(found.pressure_at(UNEVEN), pressure) < 1e-9
@@ -219,15 +217,9 @@ def test_no_guess_is_needed(side, condition):
 
 
 def test_tied_waves_belong_to_one_wall_whatever_the_noise():
-    line = noisy(both_ways()[0], 20, seed=11)
-    about = {"height": HEIGHT, "mach": 0.3}
-    tied, free = (two_wave_fit(line, tied=t) for t in (True, False))
-    for found, limit in ((tied, 1e-9), (free, math.inf)):
-        walls = impedance_from_wavenumber(found.modes, FREQUENCY, **about)
-        apart = (walls[:, 0] - walls[:, 1]).abs() / walls[:, 0].abs()
-        assert float(apart.max()) < limit
-    assert float(apart.min()) > 1e-4
-    assert bool((free.residual <= tied.residual * (1 + 1e-9)).all())
+    found = two_wave_fit(noisy(both_ways()[0], 20, seed=11))
+    walls = impedance_from_wavenumber(found.modes, FREQUENCY, height=HEIGHT, mach=0.3)
+    assert relative_error(walls[:, 0], walls[:, 1]) < 1e-9
 
 
 def test_ties_and_drawn_errors():
@@ -243,9 +235,7 @@ def test_ties_and_drawn_errors():
         assert drawn.tolist() == pytest.approx(seen.tolist(), rel=0.2)
         bias = getattr(scatter.mean(0) - WALLS, part).abs()
         assert bool((bias < 4 * seen / math.sqrt(300)).all())
-    free = two_wave_fit(line, tied=False, draws=100)
     others = kumaresan_tufts(line, draws=100)
-    assert bool((found.standard_deviation.abs() < free.standard_deviation.abs()).all())
     assert bool((found.standard_deviation.abs() < others.standard_deviation.abs()).all())
 
 
@@ -271,7 +261,6 @@ def test_two_flush_microphones_set_the_level():
             turn = cmath.exp(1j * k * 0.2 / 0.75) / cmath.exp(-1j * k * 0.2 / 1.25)
             assert complex(found.reflection[f]) == pytest.approx(0.5j * turn, abs=1e-9)
     assert found.microphones.tolist() == [-0.3, -0.11, -0.05]
-    assert sort_waves(line, at=0.0).reflection.tolist() == pytest.approx([0.5j] * 3, abs=1e-9)
     behind = sort_waves(rigid_line(side="downstream"))
     assert behind.microphones.tolist() == [0.9, 1.15]
     assert behind.incident_level.tolist() == pytest.approx([120 + 20 * math.log10(0.5)] * 3)
@@ -283,14 +272,12 @@ def test_two_flush_microphones_set_the_level():
 def test_fits_and_sorting_refuse():
     line = line_of(both_ways(x=UNEVEN)[0], x=UNEVEN)
     x = torch.tensor([0.0, 343.2 * (1 - 0.25**2) / 2000.0], dtype=torch.float64)
-    half = line_of(torch.ones(2, 1) + 0j, x=x, mach=0.25, frequency=1000.0)
+    half = line_of(torch.ones(2, 1) + 0j, x=x, mach=0.25, frequency=1000.0, liner_start=0.5, liner_end=0.6)
     for call, words in (
-        (lambda: two_wave_fit(line.select(range(3))), "3 microphones are used; two tied waves need at least 4"),
-        (lambda: two_wave_fit(line.select(range(4)), tied=False), "4 microphones are used; two free waves .* least 5"),
+        (lambda: two_wave_fit(line.select(range(3))), "3 microphones are used; two waves of one wall need at least 4"),
         (lambda: two_wave_fit(dataclasses.replace(line, source_side="unknown")), "source_side is 'unknown'"),
         (lambda: sort_waves(rigid_line(liner_start=None, liner_end=None)), "does not say where its liner is"),
         (lambda: sort_waves(rigid_line(liner_start=-0.5)), "0 microphones stand before the liner"),
-        (lambda: sort_waves(rigid_line(), at=math.nan), "at is nan m; it must be finite"),
         (lambda: sort_waves(half, [0, 1]), "spacing is 1 times half a wavelength"),
     ):
         with pytest.raises(ValueError, match=words):
@@ -327,8 +314,8 @@ def test_no_mach_number_is_refused_and_0_says_it(tmp_path, capsys):
 def test_conjugated_phases_are_noticed(side, share):
     line = line_of(both_ways(side, share=share)[0].conj(), side)
     with pytest.warns(tl.DataWarning) as told:
-        found = free_wave_fit(line)
-    assert any("the phases look conjugated" in str(one.message) for one in told)
+        found = two_wave_fit(line)
+    assert any("phases be of exp(-j omega t)" in str(one.message) for one in told)
     assert [str(one.message) for one in told] == [str(note) for note in found.notes]
 
 
@@ -397,7 +384,7 @@ def test_table_and_files(files, capsys):
         assert (float(row["energy_share"]), row["mach"]) == (pytest.approx(1.0), "0.3")
 
 
-@pytest.mark.parametrize("method", ["kt", "two-waves", "free-waves"])
+@pytest.mark.parametrize("method", ["kt", "two-waves"])
 def test_both_sides_at_once(files, capsys, method):
     names = [str(files / f"{side}.h5") for side in ("upstream", "downstream")]
     arguments = ["--method", method, "--draws", "2", "--json", "--quiet"]

@@ -69,12 +69,7 @@ LOSSES = ("none", "viscothermal")
 _HERE = "torchliner.pressure"
 WALL_METHODS = {  # from microphones: where the function of a line stands, what it is, its options
     "kt": (f"{_HERE}.waves:kumaresan_tufts", "Kumaresan-Tufts", ("condition", "margin", "rank", "order")),
-    "two-waves": (
-        f"{_HERE}.two_waves:two_wave_fit",
-        "two waves tied by one impedance",
-        ("condition", "margin"),
-    ),
-    "free-waves": (f"{_HERE}.two_waves:free_wave_fit", "two free waves", ("condition", "margin")),
+    "two-waves": (f"{_HERE}.two_waves:two_wave_fit", "two waves tied by one impedance", ("condition", "margin")),
     "field": (
         f"{_HERE}.fit_field:fit_line",
         "the field of the linearised Euler equations",

@@ -37,7 +37,6 @@ FEWEST_SAMPLES = 8  # of such a segment
 LOW_COHERENCE = 0.5
 NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
 LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
-SAME_DURATION = 0.01  # relative, of record and plane; warned of beyond
 ORDERS = ("admittance", "pressure-first")  # of averaging
 
 
@@ -126,25 +125,17 @@ def with_in_situ(
 
     Raises:
         ValueError: the record states another case, tone, level or flow.
-    Warns:
-        DataWarning: record and plane differ in duration by more than ``SAME_DURATION``.
     """
     beside = []
     for result, plane in zip(maps, planes, strict=True):
         require_same_run(plane, record)
-        if abs(record.duration / plane.duration - 1) > SAME_DURATION:
-            own, other = (f"{each.name} lasts {1e3 * each.duration:.4g} ms" for each in (record, plane))
-            tell(f"{own}, {other}: the two impedances are of different times")
         beside.append(result.with_alongside(in_situ(record, result.frequency, interval=result.level)))
     return beside
 
 
 def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str = "none") -> tuple[Tensor, list[Note]]:
-    """rho c v_in/p_b = phi_c sinh(gamma H) at the frequencies, (F,), and warnings.
-
-    Raises:
-        ValueError: it is zero at a frequency: the mouth is a velocity node; losses without a hydraulic radius.
-    """
+    """rho c v_in/p_b = phi_c sinh(gamma H) at the frequencies, (F,), and warnings; ValueError where the mouth is a
+    velocity node, or for losses without a hydraulic radius."""
     assert record.cavity_depth is not None
     omega = 2 * torch.pi * frequency.to(torch.float64)
     gamma = 1j * omega / record.fluid.sound_speed

@@ -43,17 +43,10 @@ TOLERANCE, NEAR = 1e-9, 1e-3  # of a step in rho: of the last one, and of a firs
 KEPT = 2  # of the places that first searches end at
 SINGULAR = 1e-15  # of the normal matrix with a diagonal of 1: rounding
 ALIKE = (1.0, 1.0)  # weights of amplitude and phase that make the widest valleys
-# Impedances to begin from: all pairs of resistances and reactances, so many of them.
-Grid = tuple[Sequence[float], Sequence[float], int]
-STEPS_OF_SIZE = [0.01 * 2000 ** (i / 10) for i in range(11)]  # to 20
-SIZES = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0)
-COARSE: Grid = ((0.0, 0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0), (-8.0, *(-x for x in SIZES[::-1]), 0.0, *SIZES), 4)
-FINE: Grid = ((0.0, *STEPS_OF_SIZE), (*(-size for size in STEPS_OF_SIZE), 0.0, *STEPS_OF_SIZE), 8)
+SIZES = (0.0, *(0.01 * 2000 ** (i / 10) for i in range(11)))  # of resistances and reactances to begin from, to 20
+STARTS = 8  # of all pairs of them
 SAME = 1e-6  # relative, and m, of what line and case both state
 LIKE_RIGID = 2.0  # standard errors of rho within which the wall is not told from a rigid one
-FIRST_ORDER = 6.0  # the same, within which Z is not linear over them
-SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
-NOTHING = complex(math.nan, math.nan)
 
 
 def fit_field(
@@ -80,37 +73,34 @@ def fit_field(
         The fit, without gradients.
     Raises:
         ValueError: too few microphones (four; three with the far end stated) or one outside the duct, an error below
-            1e-4, a solver for another duct, frequency or liner, or with several patches; a stated far end whose
-            reflection is stated for a source on the other side.
+            1e-4, a solver for another duct, frequency or liner, or with several patches.
     Warns:
         DataWarning: the answer is doubtful; the same text is in ``notes``, with a code.
     """
     require_choice("far_end", far_end, FAR_ENDS)
-    assumed = MicrophoneErrors(**errors)
-    assumed.require_above(SMALLEST)
-    waves = {"stated": 1, "fitted": 2}[far_end]
-    _check(line, solver, waves + 1, far_end)
+    assumed, waves = MicrophoneErrors(**errors), {"stated": 1, "fitted": 2}[far_end]
+    _check(line, solver, waves + 1)
     pressure, along = line.pressure.detach().to(torch.complex128), fine_places(line.x)
     sources = (line.source_side, other_side(line.source_side))[:waves]
-    problem = WallSearch(solver, sources, line.x, wall, _cases(pressure), assumed.weights)
+    problem = WallSearch(solver, sources, line.x, wall, _cases(pressure), tuple(1 / part for part in assumed.parts))
     freedom = 2 * (line.microphones - waves - 1)
     choices: dict[str, Any] = {"method": "field", "wall": wall, "far_end": far_end, "draws": assumed.draws}
     choices |= {"largest_misfit": largest_misfit(freedom, CONTRADICTED), "source_side": line.source_side}
     choices |= {"source": line.name, "microphones": line.microphones, "mach": float(solver.case.profile.bulk_mach)}
-    choices |= {**assumed.choices, "unknowns": solver.mesh.unknowns, "version": __version__}
+    choices |= {**assumed.stated, "unknowns": solver.mesh.unknowns, "version": __version__}
 
     def record_of(found: Minimum, pressure: Tensor, lost: Tensor) -> FieldFit:
         """Of a solution for pressures (..., N, F), nan where it is lost, (B, F)."""
         shape, rho = (*pressure.shape[:-2], pressure.shape[-1]), found.place[..., 0]
         amplitude, *pressures, far = problem.heard(found, along)
-        at, between = (p.masked_fill(lost[..., None], NOTHING).reshape(*shape, -1).movedim(-1, -2) for p in pressures)
+        at, between = (p.masked_fill(lost[..., None], math.nan).reshape(*shape, -1).movedim(-1, -2) for p in pressures)
         misfit = found.cost / freedom
         used = torch.where(misfit > choices["largest_misfit"], misfit, 1.0)[..., None, None]
         return FieldFit(
             method="LEE fit",
             frequency=line.frequency,
             x=line.x,
-            impedance=impedance_from_reflection(rho).masked_fill(lost, NOTHING).reshape(shape),
+            impedance=impedance_from_reflection(rho).masked_fill(lost, math.nan).reshape(shape),
             covariance=impedance_covariance(rho, used * covariance_of(found)).reshape(*shape, 2, 2),
             amplitude=solver.case.incident * amplitude[..., 0].reshape(shape),
             end_reflection=far.reshape(shape),
@@ -127,24 +117,19 @@ def fit_field(
         )
 
     if start is None:
-        found = best_wall(problem, freedom * largest_misfit(freedom))
+        found = best_wall(problem)
     else:
-        if math.isnan(abs(complex(start))) or start == -1:
-            raise ValueError(f"start is {start}; an impedance other than -1 is needed")
         wanted = torch.full((*problem.pressure.shape[:-1], 1), complex(start), dtype=torch.complex128)
-        found = search(problem, bounded(reflection_from_impedance(wanted)).to(pressure.device))
+        found = least_squares(problem, bounded(reflection_from_impedance(wanted)).to(pressure.device))
     result = record_of(found, pressure, torch.zeros_like(found.converged))
 
     def drawn(pressure: Tensor) -> FieldFit:
-        again = search(problem, found.place.repeat(assumed.draws, 1, 1), pressure=_cases(pressure))
-        return record_of(again, pressure, ~again.converged)
+        again = replace(problem, pressure=_cases(pressure))
+        settled = least_squares(again, found.place.repeat(assumed.draws, 1, 1))
+        return record_of(settled, pressure, ~settled.converged)
 
     result = assumed.with_draws(result, pressure, freedom, drawn)
-    spread = result.error_scale.reshape(found.cost.shape)[..., None, None] ** 2 * covariance_of(found)
-    doubts = [near_rigid(found.place[..., 0], spread, errors) for errors in (LIKE_RIGID, FIRST_ORDER)]
-    with torch.no_grad():
-        doubts.append(problem.fields(found.place)[0].energy.fed)
-    notes = field_notes(result, *(each.reshape(result.impedance.shape) for each in doubts))
+    notes = field_notes(result)
     tell([str(note) for note in notes])
     return replace(result, notes=notes)
 
@@ -163,7 +148,7 @@ def fit_line(line: MicrophoneLine, *, duct: str | Path | None = None, **options:
     return fit_field(line, DuctSolver(setup.case, setup.frequency), wall=setup.wall, **options)
 
 
-def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str) -> None:
+def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int) -> None:
     """Refuse what cannot be fitted, or is of another duct."""
     case, side, count, wrong = solver.case, line.source_side, line.microphones, list[str]()
     if len(case.liner) != 1:
@@ -186,10 +171,6 @@ def _check(line: MicrophoneLine, solver: DuctSolver, unknowns: int, far_end: str
         wrong.append(f"frequencies are {line.frequency.tolist()} Hz, of the duct {solver.frequency.tolist()} Hz")
     if outside := line.x[(line.x < case.start) | (line.x > case.end)].tolist():
         wrong.append(f"microphones at x = {outside} m lie outside the duct, {case.start:g} to {case.end:g} m")
-    stated = torch.cat([torch.as_tensor(r).flatten() for r in (case.end_reflection, case.source_reflection)])
-    if far_end == "stated" and side != case.source and bool(stated.any()):
-        sides = f"are stated for a source {case.source}, the line has its source {side}"
-        wrong.append(f"the reflections of the duct {sides}; state them for that one, or take far_end='fitted'")
     if wrong:
         raise ValueError(f"{line.name}: {'; '.join(wrong)}")
 
@@ -203,7 +184,7 @@ class WallSearch(Problem):
     places: Tensor  # x, m, (N,)
     wall: str  # of the places, ``opposite`` or ``lined``
     pressure: Tensor  # Pa, (B, F, N); frequencies share the solutions of a duct
-    weights: tuple[float, float]  # 1 over the error of the amplitude's logarithm, and of the phase in radians
+    weights: tuple[float, ...]  # 1 over the error of the amplitude's logarithm, and of the phase in radians
     tolerance: float = TOLERANCE  # of the last step
 
     def fields(self, rho: Tensor) -> list[DuctField]:
@@ -254,41 +235,24 @@ class WallSearch(Problem):
         return tuple(torch.cat(each) for each in zip(*parts, strict=True))
 
 
-def search(problem: WallSearch, start: Tensor, **changes: Any) -> Minimum:
-    """The minimum next to walls rho, (B, F, 1), of the problem with some changes; Re A, Im A, ... with it."""
-    return least_squares(replace(problem, **changes), start.to(torch.complex128))
-
-
-def best_wall(problem: WallSearch, poor: float) -> Minimum:
-    """The best wall with no guess: from a coarse grid of impedances, and a fine one where chi squared is above
-    ``poor``, since a wrong minimum looks like a wrong duct."""
-    found = from_grid(problem, COARSE)
-    again = (found.cost > poor).any(-1)
-    if bool(again.any()):
-        fine = from_grid(replace(problem, pressure=problem.pressure[again]), FINE)
-        for part, new in zip(found, best_of([Minimum(*(part[again] for part in found)), fine]), strict=True):
-            part[again] = new
-    return found
-
-
-def from_grid(problem: WallSearch, grid: Grid) -> Minimum:
-    """The best wall from the best impedances of a grid each.
+def best_wall(problem: WallSearch) -> Minimum:
+    """The best wall with no guess, from the best of a grid of impedances.
 
     Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more than the level. So
     the impedances of the grid are compared by pressure, not by its logarithm, and the first search takes relative
     errors of both parts alike.
     """
-    (resistance, reactance, starts), pressure = grid, problem.pressure
-    walls = torch.tensor([complex(r, x) for r in resistance for x in reactance], dtype=torch.complex128)
+    pressure, signed = problem.pressure, sorted({sign * size for size in SIZES for sign in (-1, 1)})
+    walls = torch.tensor([complex(r, x) for r in SIZES for x in signed], dtype=torch.complex128)
     places = bounded(reflection_from_impedance(walls)).to(pressure.device)[:, None]
     parts = places[:, None].expand(-1, pressure.shape[-2], -1).split(TOGETHER)
     fields = torch.cat([problem.response(problem.fields(part), problem.places) for part in parts])  # (G, F, N, K)
     misfit = torch.stack([solve_linear(each, pressure)[-1].norm(dim=-1) for each in fields])
-    best = places[misfit.topk(starts, 0, largest=False).indices]  # (S, B, F, 1)
-    about: dict[str, Any] = {"pressure": pressure.repeat(starts, 1, 1), "weights": ALIKE, "tolerance": NEAR}
-    rough = search(problem, best.flatten(0, 1), **about)
+    best = places[misfit.topk(STARTS, 0, largest=False).indices]  # (S, B, F, 1)
+    alike = replace(problem, pressure=pressure.repeat(STARTS, 1, 1), weights=ALIKE, tolerance=NEAR)
+    rough = least_squares(alike, best.flatten(0, 1))
     kept = rough.cost.reshape(best.shape[:-1]).topk(KEPT, 0, largest=False).indices[..., None]
-    return best_of(search(problem, each) for each in rough.place.reshape(best.shape).gather(0, kept))
+    return best_of(least_squares(problem, each) for each in rough.place.reshape(best.shape).gather(0, kept))
 
 
 def bounded(rho: Tensor) -> Tensor:
@@ -308,16 +272,12 @@ def covariance_of(found: Minimum) -> Tensor:
     return inverse
 
 
-def near_rigid(rho: Tensor, covariance: Tensor, errors: float) -> Tensor:
-    """Whether a rigid wall lies within some standard errors of rho, (...)."""
-    variance = covariance.diagonal(dim1=-2, dim2=-1).sum(-1)
-    return (1 - rho).abs() < errors * variance.clamp(min=0).sqrt()
-
-
 def impedance_covariance(rho: Tensor, covariance: Tensor) -> Tensor:
-    """Of Re Z and Im Z, (..., 2, 2), from that of Re rho and Im rho, to first order; diagonal and infinite where the
-    wall is not told from a rigid one."""
+    """Of Re Z and Im Z, (..., 2, 2), from that of Re rho and Im rho, to first order; diagonal and infinite where a
+    rigid wall lies within two standard errors."""
+    error = covariance.diagonal(dim1=-2, dim2=-1).sum(-1).clamp(min=0).sqrt()
     slope = 2 / (1 - rho) ** 2
     turn = torch.stack([torch.stack([slope.real, -slope.imag], -1), torch.stack([slope.imag, slope.real], -1)], -2)
     infinite = torch.diag_embed(torch.full_like(covariance[..., 0], torch.inf))
-    return torch.where(near_rigid(rho, covariance, LIKE_RIGID)[..., None, None], infinite, turn @ covariance @ turn.mT)
+    rigid = ((1 - rho).abs() < LIKE_RIGID * error)[..., None, None]
+    return torch.where(rigid, infinite, turn @ covariance @ turn.mT)

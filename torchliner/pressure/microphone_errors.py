@@ -23,16 +23,13 @@ from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.records.notes import Note
 
 LEVEL_ERROR, PHASE_ERROR = 0.1, 0.1  # dB and degrees, section 5.5.5
+SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
 POOR = 0.01  # share of right models that are warned of
 CONTRADICTED = 0.05  # share of right models whose errors are taken for larger than they are
 LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
-TURNS, DECAYS = 0.5, 0.1  # rad, neper over the array: a wave's direction can be told from more
-LIKE_RIGID = 0.05  # rad or neper over the array, some times what 0.1 dB and 0.1 degrees tell
-HARD = 10.0  # |Z|; a short array tells no softer wall from a rigid one either
 ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
 
-Notes = tuple[Note, ...]
 Row = tuple[str, Tensor, str]  # code, where it holds, what it says
 
 
@@ -59,44 +56,32 @@ class MicrophoneErrors:
     generator: torch.Generator | None = None
 
     def __post_init__(self) -> None:
-        self.require_above(0)
+        for name, value in self.stated.items():
+            if not SMALLEST <= value < math.inf:
+                raise ValueError(f"{name} is {value:g}; dB and degrees must be finite and at least {SMALLEST:g}")
         if whole_number("draws", self.draws) < 0 or self.draws == 1:
             raise ValueError(f"draws is {self.draws}; 0 for none, or at least 2, since one has no deviation")
 
-    def require_above(self, least: float) -> None:
-        """Refuse errors below a limit, dB and degrees."""
-        for name, value in (("level_error (dB)", self.level_error), ("phase_error (degrees)", self.phase_error)):
-            if not least <= value < math.inf:
-                raise ValueError(f"{name} is {value:g}; it must be finite and at least {least:g}")
+    @property
+    def stated(self) -> dict[str, float]:
+        """As a result's choices have them."""
+        return {"level_error": self.level_error, "phase_error": self.phase_error}
 
     @property
     def parts(self) -> tuple[float, float]:
         """Nepers and radians."""
         return self.level_error * math.log(10) / 20, math.radians(self.phase_error)
 
-    @property
-    def weights(self) -> tuple[float, float]:
-        """1 over each, of residuals."""
-        return 1 / self.parts[0], 1 / self.parts[1]
-
-    @property
-    def choices(self) -> dict[str, float]:
-        """As a result states them."""
-        return {"level_error": self.level_error, "phase_error": self.phase_error}
-
     def freedom(self, spare: int) -> float:
         """nu of N - U spare microphones; inf where nothing can contradict the errors."""
         level, phase = self.parts
-        if spare < 1 or level + phase == 0:
-            return math.inf
-        return spare * (level**2 + phase**2) ** 2 / (level**4 + phase**4)
+        return spare * (level**2 + phase**2) ** 2 / (level**4 + phase**4) if spare > 0 else math.inf
 
-    def misfit(self, residual: Tensor, microphones: int, unknowns: int) -> Tensor:
-        """Squared residual (relative rms of what a fit of U unknowns to N microphones leaves) over that which the
-        errors leave: 1 in the mean where all is right; nan without a spare microphone, and for errors of 0."""
+    def misfit(self, residual: Tensor, microphones: int, spare: int) -> Tensor:
+        """Squared residual (relative rms of what a fit leaves of N microphones) over that which the errors leave: 1 in
+        the mean where all is right; nan without a spare microphone."""
         level, phase = self.parts
-        expected = (level**2 + phase**2) * (1 - unknowns / microphones)
-        return residual.square() / (expected if expected > 0 else math.nan)
+        return residual.square() / ((level**2 + phase**2) * spare / microphones if spare > 0 else math.nan)
 
     def with_draws(self, result: Any, pressure: Tensor, freedom: float, educed: Callable[[Tensor], Any]) -> Any:
         """An eduction of pressures (..., N, F), if wanted with that (``educed``) of draws of their errors, (D, ..., N,
@@ -104,7 +89,7 @@ class MicrophoneErrors:
         if not self.draws:
             return result
         source = self.generator or torch.Generator().manual_seed(0)
-        drawn = draw_pressures(pressure, self.draws, source, **self.choices, scale=result.error_scale, freedom=freedom)
+        drawn = draw_pressures(pressure, self.draws, source, **self.stated, scale=result.error_scale, freedom=freedom)
         about = {**result.choices, "draws": self.draws, "seed": source.initial_seed()}
         return replace(result, draws=educed(drawn), choices=about)
 
@@ -121,8 +106,7 @@ def draw_pressures(
 ) -> Tensor:
     """Complex pressures (..., N, F) with errors, (D, ..., N, F), as of ``MicrophoneErrors``.
 
-    Args:
-        scale: factor of both errors, (..., F); above 1 it was estimated with ``freedom`` real degrees of freedom.
+    ``scale``: factor of both errors, (..., F); above 1 it was estimated with ``freedom`` real degrees of freedom.
     Source: Roncen et al. (2026), section 5.5.5: 0.1 dB, 0.1 degrees, 500 realisations, no misfit.
     """
     level, phase = MicrophoneErrors(level_error, phase_error).parts
@@ -134,124 +118,67 @@ def draw_pressures(
     return pressure * torch.exp(torch.complex(noise[0] * level, noise[1] * phase)).to(pressure.device)
 
 
-def wave_notes(result: WallEduction, freedom: float) -> Notes:
+def wave_notes(result: WallEduction, freedom: float) -> tuple[Note, ...]:
     """Of waves that may not be those of a lined wall, or leave more than the assumed errors, which have ``freedom``
     real degrees of freedom."""
     assert result.line is not None
-    choices, z, residual, span = result.choices, result.impedance, result.residual, float(result.x[-1] - result.x[0])
-    # exp(-j alpha x) of a decaying wave has Re alpha and Im alpha of opposite signs.
-    strongest = result.modes.gather(-2, result.energies.argmax(-2, keepdim=True))[..., 0, :]
-    turn, decay = strongest.real * span, strongest.imag * span
-    against = (turn * decay > 0) & (decay.abs() > DECAYS) & (turn.abs() > TURNS) & (turn.abs() > decay.abs())
+    choices, z, side = result.choices, result.impedance, result.source_side
     # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
-    sign, spacing = 1 if result.source_side == "upstream" else -1, choices.get("spacing", 0.0)
-    along, side = 1 + sign * choices["mach"], result.source_side
+    along, spacing = 1 + choices["mach"] * (1 if side == "upstream" else -1), choices.get("spacing", 0.0)
     highest = choices["sound_speed"] * along / (2 * spacing) if spacing else math.inf
-    k = 2 * torch.pi * result.frequency.to(z.device) / choices["sound_speed"]
-    rigid = ((result.wavenumber - sign * k / along).abs() * span < LIKE_RIGID) & (z.abs() > HARD)
     weak, feeds = result.energy_share < LEAST_SHARE, z.real < FEEDS
     poor, misfit = _misfit(result, max(largest_misfit(freedom, POOR / z.numel()), choices["largest_misfit"]))
-    poor &= residual > ROUNDING
+    poor &= result.residual > ROUNDING
     size = None
     if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
         spread = result.standard_error if result.draws is None else result.standard_deviation
         size = float(spread[poor].abs().max())
+    short = f"the spacing is more than half a rigid duct's wavelength above {highest:.4g} Hz; Z may be of an alias"
+    share = f"the wave that runs away from a source {side} has at worst {_least(result.energy_share, weak):.2g} of the"
+    of_other = "energy of the strongest wave: the source may be on the other side, or phases be of exp(-j omega t)"
+    gains = f"the resistance is negative, {_least(z.real, feeds):.3g} at least: not the wave assumed, or an active wall"
+    left = f"the waves leave up to {100 * _most(result.residual, poor):.2g} % of the pressures, {misfit}, which draws"
     rows = [
-        (
-            "aliasing",
-            result.frequency >= highest,
-            f"above {highest:.4g} Hz the spacing, {1e3 * spacing:.4g} mm, is more than half the wavelength of a rigid "
-            "duct's wave; wavenumbers may be off by 2 pi/spacing",
-        ),
+        ("aliasing", result.frequency >= highest, short),
         ("no-wave", ~torch.isfinite(result.wavenumber), f"no wave runs away from a source {side}; they are nan"),
-        (
-            "source-side",
-            weak,
-            f"the wave that runs away from a source {side} has at worst {least(result.energy_share, weak):.2g} of the "
-            "energy of the strongest wave: the source may be on the other side, or phases be of exp(-j omega t)",
-        ),
-        (
-            "conjugated-phases",
-            against & (2 * against.sum() > against.numel()),
-            "the phases look conjugated; exp(+j omega t) is needed",
-        ),
-        (
-            "rigid-wall",
-            rigid,
-            f"the wavenumber is that of a rigid duct within {LIKE_RIGID:g} rad over the array: the wall looks rigid, "
-            f"and the impedance, |Z| {least(z.abs(), rigid):.3g} and more, is only hard",
-        ),
-        (
-            "active-wall",
-            feeds,
-            f"the resistance is negative, {least(z.real, feeds):.3g} at least: the wave gains energy at the wall, or "
-            "is not the one assumed",
-        ),
-        (
-            "model-misfit",
-            poor,
-            f"the waves leave up to {100 * most(residual, poor):.2g} % of the pressures, {misfit}, which draws take: "
-            "there are other waves, or larger errors; compare ranks, margins and methods",
-        ),
+        ("source-side", weak, f"{share} {of_other}"),
+        ("active-wall", feeds, gains),
+        ("model-misfit", poor, f"{left} take: other waves, or larger errors; compare ranks, margins and methods"),
     ]
     text = f"{choices.get('unsettled')} of {z.numel()} fits did not settle; their waves may not be the best"
     first = [Note("unsettled", f"{choices['source']}: {text}")] if choices.get("unsettled") else []
     return (*first, *duct_notes(result.line), *_notes(result, rows, size))
 
 
-def field_notes(result: FieldFit, rigid: Tensor, hard: Tensor, gains: Tensor) -> Notes:
-    """Of a fit of the field.
-
-    Args:
-        result: the fit.
-        rigid, hard: whether a rigid wall lies within two, and within six standard errors, (..., F).
-        gains: energy out and absorbed over that coming in where a wave feeds it, else 0, (..., F).
-    """
-    end, settled, z = result.end_reflection.abs(), result.converged, result.impedance
-    feeds = (z.real < FEEDS) & ~(rigid & settled)
+def field_notes(result: FieldFit) -> tuple[Note, ...]:
+    """Of a fit of the field."""
+    end, z, choices = result.end_reflection.abs(), result.impedance, result.choices
+    assert result.covariance is not None
+    rigid = torch.isinf(result.covariance[..., 0, 0]) & result.converged
+    feeds = (z.real < FEEDS) & ~rigid
     poor, misfit = _misfit(result, largest_misfit(result.freedom or math.inf, POOR / z[..., 0].numel()))
+    causes = f"duct, flow, far end or wall ({choices['wall']}) are not those measured, or a deeper minimum (start=)"
+    bound = "the microphones do not tell the liner from a rigid wall: the error of Z has no bound"
     rows = [
-        ("unsettled", ~settled, "the fit did not settle; Z is the best one met"),
-        (
-            "model-misfit",
-            poor,
-            f"the residuals are {misfit}, which error bars take: duct, flow, far end or wall "
-            f"({result.choices['wall']}) are not those of the measurement, or this is not the deepest minimum (start=)",
-        ),
-        (
-            "rigid-wall",
-            rigid & settled,
-            "the microphones do not tell the liner from a rigid wall: the error of Z has no bound",
-        ),
-        (
-            "near-rigid-wall",
-            hard & ~rigid & settled,
-            "a rigid wall is within 6 standard errors: those of 1/Z hold, those of Z are too small",
-        ),
-        ("active-wall", feeds, f"the resistance is {least(z.real, feeds):.3g}, below 0"),
-        ("active-end", end > GAINS, f"the far end would reflect {most(end, end > GAINS):.3g} times what it gets"),
-        (
-            "growing-wave",
-            gains > 0,
-            f"the duct with this impedance gives back and absorbs {float(gains.max()):.3g} times the energy that comes "
-            "in: a wave of its shear layer grows along the liner; compare other profiles of the flow",
-        ),
+        ("unsettled", ~result.converged, "the fit did not settle; Z is the best one met"),
+        ("model-misfit", poor, f"the residuals are {misfit}, which error bars take: {causes}"),
+        ("rigid-wall", rigid, bound),
+        ("active-wall", feeds, f"the resistance is {_least(z.real, feeds):.3g}, below 0"),
+        ("active-end", end > GAINS, f"the far end would reflect {_most(end, end > GAINS):.3g} times what it gets"),
     ]
     return _notes(result, rows)
 
 
-def duct_notes(line: MicrophoneLine) -> Notes:
+def duct_notes(line: MicrophoneLine) -> tuple[Note, ...]:
     """Higher modes of the rigid duct that carry sound."""
     notes = []
     for what, size in (("height", line.duct_height), ("width", line.duct_width)):
-        if size is None:
-            continue
-        limit = cut_on_frequency(UniformProfile(abs(line.stated_mach), float(size), float(line.fluid.sound_speed)))
-        above = line.frequency[line.frequency >= limit]
-        if len(above):
-            text = f"from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher mode"
-            share = f"{len(above)} of {len(line.frequency)} frequencies from {float(above.min()):g} Hz on"
-            notes.append(Note("higher-modes", f"{line.name}: {text}: {share}"))
+        if size is not None:
+            limit = cut_on_frequency(UniformProfile(abs(line.stated_mach), float(size), float(line.fluid.sound_speed)))
+            if above := line.frequency[line.frequency >= limit].tolist():
+                text = f"from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher mode"
+                share = f"{len(above)} of {len(line.frequency)} frequencies from {min(above):g} Hz on"
+                notes.append(Note("higher-modes", f"{line.name}: {text}: {share}"))
     return tuple(notes)
 
 
@@ -259,13 +186,13 @@ def _misfit(result: WallEduction | FieldFit, limit: float) -> tuple[Tensor, str]
     """Where the misfit is above a limit, (..., F), and what it says of the errors."""
     assert result.misfit is not None
     poor, choices = result.misfit > limit, result.choices
-    level, phase = (most(used, poor) for used in result.used_errors)
+    level, phase = (_most(used, poor) for used in result.used_errors)
     stated = f"times the {choices['level_error']:g} dB and {choices['phase_error']:g} degrees stated"
     as_of = f"(limit {limit**0.5:.3g}), as of {level:.2g} dB and {phase:.2g} degrees"
-    return poor, f"{most(result.misfit, poor) ** 0.5:.3g} {stated} {as_of}"
+    return poor, f"{_most(result.misfit, poor) ** 0.5:.3g} {stated} {as_of}"
 
 
-def _notes(result: WallEduction | FieldFit, rows: Sequence[Row], size: float | None = None) -> Notes:
+def _notes(result: WallEduction | FieldFit, rows: Sequence[Row], size: float | None = None) -> tuple[Note, ...]:
     """Of the codes that hold somewhere: how often, where first, and what; of draws that are lost. ``size``: how far Z
     may be off by a misfit."""
     found, source = [], result.choices["source"]
@@ -280,11 +207,11 @@ def _notes(result: WallEduction | FieldFit, rows: Sequence[Row], size: float | N
     return tuple(found)
 
 
-def least(values: Tensor, which: Tensor) -> float:
+def _least(values: Tensor, which: Tensor) -> float:
     """Of some values; nan of none."""
     return float(values[which].min()) if bool(which.any()) else math.nan
 
 
-def most(values: Tensor, which: Tensor) -> float:
+def _most(values: Tensor, which: Tensor) -> float:
     """Of some values; nan of none."""
-    return -least(-values, which)
+    return -_least(-values, which)

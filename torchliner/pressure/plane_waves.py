@@ -9,7 +9,6 @@ Two microphones s apart determine A and B unless sin((k+ + k-) s/2) = 0. Along t
 smaller y, at c (1 - M), is the one that runs upstream.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -107,7 +106,7 @@ def decompose_waves(
     made, each = [], []
     for hertz in tones.frequency[:, None]:
         parts = tones.parts(signals, hertz)
-        tones.require_tone("microphone", signals[0], parts.segments[0], hertz, chosen)
+        tones.require_tone("microphone", signals[0], parts.segments[0], hertz)
         (waves, left, condition), (inside, _, _) = (
             split_waves(one[0], places, hertz, fluid.sound_speed, record.microphone_mach, *one[1:])
             for one in (parts.segments, parts.amplitudes)
@@ -148,44 +147,36 @@ def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency:
 
 
 def sort_waves(
-    line: MicrophoneLine,
-    microphones: Sequence[int] | None = None,
-    *,
-    at: float | None = None,
-    source_side: str | None = None,
+    line: MicrophoneLine, microphones: Sequence[int] | None = None, *, source_side: str | None = None
 ) -> PlaneWaves:
-    """Waves both ways from two flush microphones or more in the rigid duct: the level that meets a liner.
+    """Waves both ways from two flush microphones or more in the rigid duct: the level that meets a liner, at its end
+    nearest the source.
 
     Args:
         line: microphones.
         microphones: indices; default all that stand before the liner, seen from the source.
-        at: x to which the amplitudes refer, m; default the liner's end nearest the source, or the microphone nearest to
-            it.
         source_side: ``upstream`` or ``downstream``; default what the line says.
     Raises:
-        ValueError: fewer than two microphones or half a wavelength apart, no known side of the source.
+        ValueError: fewer than two microphones or half a wavelength apart, no known side of the source or liner.
     Warns:
         DataWarning: badly conditioned, or higher modes cut on; the same text is in ``notes``.
     """
     seen = seen_from_source(line, source_side)
     edge = line.liner_start if seen.sign == 1 else line.liner_end
+    if edge is None:
+        raise ValueError(f"{line.name} does not say where its liner is; give liner_start and liner_end")
     if microphones is None:
-        if edge is None:
-            raise ValueError(f"{line.name} does not say where its liner is; give liner_start and liner_end")
         microphones = ((edge - line.x) * seen.sign > 0).nonzero()[:, 0].tolist()
-        if len(microphones) < 2:
-            before = f"{len(microphones)} microphones stand before the liner, seen from a source {seen.source_side}"
-            raise ValueError(f"{line.name}: {before}; two are needed to sort the waves")
+    if len(microphones) < 2:
+        before = f"{len(microphones)} microphones stand before the liner, seen from a source {seen.source_side}"
+        raise ValueError(f"{line.name}: {before}; two are needed to sort the waves")
     some = line.select(microphones)
-    place = next(x for x in (at, edge, float(some.x[-1 if seen.sign == 1 else 0])) if x is not None)
-    if not math.isfinite(place):
-        raise ValueError(f"at is {place:g} m; it must be finite")
-    places, frequency = ((some.x - place).to(some.pressure.device), some.frequency.to(some.pressure.device))
+    places, frequency = ((some.x - edge).to(some.pressure.device), some.frequency.to(some.pressure.device))
     found = split_waves(some.pressure, places, frequency, float(some.fluid.sound_speed), some.stated_mach)
     back, incident = found[0].unbind(-2)[:: seen.sign]
     notes = (*duct_notes(line), *condition_notes(f"{line.name}: the microphones", frequency, found[2]))
     tell([str(note) for note in notes])
-    return PlaneWaves("sorted waves", line.frequency, incident, back / incident, place, *found[1:], some.x, notes)
+    return PlaneWaves("sorted waves", line.frequency, incident, back / incident, edge, *found[1:], some.x, notes)
 
 
 def split_waves(
@@ -196,27 +187,21 @@ def split_waves(
     mach: float = 0.0,
     velocity: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Least-squares amplitudes of the two waves from complex pressures.
+    """Least-squares amplitudes of the two waves from complex pressures, Pa, (..., M, F), at ``places`` y, m, (M,).
 
-    Args:
-        pressure: Pa, complex, (..., M, F).
-        places: y of the microphones, m, (M,).
-        frequency: Hz, (F,).  sound_speed: m/s.
-        mach: of the mean flow away from the surface.
-        velocity: rho c v_in at the microphones, Pa, (..., M, F), v_in towards the surface: as many equations more,
-            which do not know the flow's turbulence as the pressures do.
+    ``velocity`` is rho c v_in there, Pa, v_in towards the surface: as many equations more, which do not know the flow's
+    turbulence as the pressures do. ``mach`` is of the mean flow away from the surface. For M = 0 and two microphones
+    this is ISO 10534-2.
+
     Returns:
         A and B at y = 0, (..., 2, F); relative residual, (..., F), nan for two equations, which two waves always fit;
         condition number, (F,).
     Raises:
-        ValueError: fewer than two microphones (one with velocities), or all of them half a wavelength apart,
-            or at one place.
-    Source: for M = 0 and two microphones, ISO 10534-2.
+        ValueError: fewer than two microphones (one with velocities), all of them half a wavelength apart, or at one
+            place.
     """
     if len(places) < (2 if velocity is None else 1):
         raise ValueError(f"microphones: {len(places)} given; two waves need at least two")
-    if not abs(mach) < 1:
-        raise ValueError(f"mach is {mach:g}; plane waves run both ways only below Mach 1")
     turn = 2j * torch.pi / sound_speed * frequency[:, None] * places
     towards, away = torch.exp(turn / (1 - mach)), torch.exp(-turn / (1 + mach))
     rows, measured = torch.stack([towards, away], -1), pressure.to(torch.complex128)

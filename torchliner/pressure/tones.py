@@ -64,7 +64,6 @@ class Tones:
         allow_short: accept fewer than four periods.
         interval: level of the statistical intervals, 0 to 1; None for none.
     Raises:
-        TypeError: the record is none.
         ValueError: no frequency is stated; one is at or above Nyquist; the record after ``start`` is empty or has fewer
             than four periods of one; the level is not between 0 and 1.
     """
@@ -79,8 +78,6 @@ class Tones:
 
     def __post_init__(self) -> None:
         record = self.record
-        if not isinstance(record, PressureRecord):
-            raise TypeError(f"record is {type(record).__name__}; a PressureRecord is needed (read_pressure)")
         if self.interval is not None and not 0 < self.interval < 1:
             raise ValueError(f"interval is {self.interval:g}; it is a level between 0 and 1 (95 % is 0.95)")
         wanted = frequency_tensor(self.frequency, record.sampling_rate, record=record).cpu()
@@ -135,16 +132,12 @@ class Tones:
             found.append((fitted[..., 0] + own)[..., None])
         return Parts(found, share / share.sum(), True)
 
-    def require_tone(
-        self, label: str, signal: Tensor, amplitude: Tensor, frequency: Tensor, numbers: Sequence[int] | None = None
-    ) -> None:
-        """Refuse pressures (N, T) one of which has no tone: amplitudes of segments (S, N, 1); ``numbers`` as in the
-        record, default 0, 1, ..."""
+    def require_tone(self, label: str, signal: Tensor, amplitude: Tensor, frequency: Tensor) -> None:
+        """Refuse pressures (N, T) one of which has no tone: amplitudes of segments (S, N, 1)."""
         quiet = (amplitude.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()).nonzero()[:, 0].tolist()
         if quiet:
-            which = f"in {len(quiet)} of {len(signal)} signals, first {numbers[quiet[0]] if numbers else quiet[0]}"
             where = f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz"
-            raise ValueError(f"{where} {which}; leave it out")
+            raise ValueError(f"{where} in {len(quiet)} of {len(signal)} signals, first {quiet[0]}; leave it out")
 
     def results(self, each: Sequence[tuple[Parts, Quantities]]) -> tuple[dict[str, Tensor], dict[str, Interval], int]:
         """Z of quantities, (..., F), from the parts at every frequency; their intervals, none for fewer than four

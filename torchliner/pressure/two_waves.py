@@ -2,12 +2,11 @@ r"""Impedance from microphones at any places: least squares for two waves betwee
 
 .. math:: p(s) = A e^{-j\alpha_+ s} + B e^{-j\alpha_- (s - S)}, \quad 0 \le s \le S.
 
-Amplitudes are solved for at every step; the unknowns are alpha+ and alpha- (free), or alpha+ alone (tied), whose wall
-alpha- follows: with (r, s) the two parts of the relation at alpha+, (R, S) those at alpha-, S r = R s gives
+Amplitudes are solved for at every step; the unknown is alpha+, whose wall alpha- follows: with (r, s) the two parts of
+the relation at alpha+, (R, S) those at alpha-, S r = R s gives
 :math:`d\alpha_-/d\alpha_+ = -(s'R - r'S)/(sR' - rS')`. The start is the best of a grid of impedances.
 """
 
-import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,23 +31,20 @@ def two_wave_fit(
     *,
     source_side: str | None = None,
     condition: str = "ingard-myers",
-    tied: bool = True,
     margin: float = 0.0,
     **errors: Any,
 ) -> WallEduction:
-    """Impedance by least squares over a wave with the source and one against it, the first two of ``modes``.
+    """Impedance by least squares over a wave with the source and one against it, the two of ``modes``, of one wall.
 
     Args:
         line: microphones at any places; those over the liner are used, all if it names no liner.
         source_side, condition, margin, errors: as for ``kumaresan_tufts``.
-        tied: both wavenumbers belong to one impedance; else each is free, and it is that of the wave with the source.
-    Raises, Warns: as ``kumaresan_tufts``; fewer than four microphones (five if free); fits that did not settle.
+    Raises, Warns: as ``kumaresan_tufts``; fewer than four microphones; fits that did not settle.
     """
     seen = seen_from_source(line.over_liner(margin), source_side)
-    count, fewest = seen.line.microphones, FEWEST + (not tied)
-    if count < fewest:
-        words = "tied" if tied else "free"
-        raise ValueError(f"{line.name}: {count} microphones are used; two {words} waves need at least {fewest}")
+    count = seen.line.microphones
+    if count < FEWEST:
+        raise ValueError(f"{line.name}: {count} microphones are used; two waves of one wall need at least {FEWEST}")
     about = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
     first: list[Tensor] = []  # where the first search ended; others begin there
 
@@ -57,7 +53,7 @@ def two_wave_fit(
         lead, frequency, s = values.shape[:-1], line.frequency.to(values.device), seen.distance.to(values.device)
         duct, _ = duct_of(values[..., 0], frequency, line.duct_height, seen.mach, about["sound_speed"], condition)
         flat = values.reshape(-1, count)
-        pairs = WavePairs(flat, torch.stack([s, s - s[-1]], -1), duct.at(...), tied)
+        pairs = WavePairs(flat, torch.stack([s, s - s[-1]], -1), duct.at(...))
         if first:
             found = least_squares(pairs, first[0].expand(*lead, 2).reshape(-1, 2))
         else:
@@ -81,26 +77,21 @@ def two_wave_fit(
     return educe_waves(
         seen,
         waves_of,
-        method="two waves" if tied else "two free waves",
-        unknowns=4 - tied,
+        method="two waves",
+        unknowns=3,
         condition=condition,
         errors=MicrophoneErrors(**errors),
-        choices={"method": "two-wave fit", "tied": tied, "margin": margin},
+        choices={"method": "two-wave fit", "margin": margin},
     )
-
-
-free_wave_fit = functools.partial(two_wave_fit, tied=False)
 
 
 @dataclass(frozen=True, eq=False)
 class WavePairs(Problem):
-    """Lines of microphones, each to be fitted by two waves, from alpha+ and alpha-, (P, 2), which are of one wall if
-    tied."""
+    """Lines of microphones, each to be fitted by two waves of one wall, from alpha+ and alpha-, (P, 2)."""
 
     pressure: Tensor  # complex, (P, N)
     places: Tensor  # s and s - S, m, (N, 2)
     duct: Duct  # of each line, (P,), the flow along s
-    tied: bool
 
     # Sizes are relative to k + |alpha|.
     tolerance = 1e-10
@@ -116,12 +107,13 @@ class WavePairs(Problem):
         return solve_linear(columns, self.pressure[:, None])[-1].norm(dim=-1)
 
     def system(self, place: Tensor, index: Tensor) -> System:
-        """Residuals and their change with alpha+, and with alpha- if it is free."""
+        """Residuals and their change with alpha+, which alpha- follows."""
         columns = torch.exp(-1j * place[:, None, :] * self.places)
-        slopes = torch.diag_embed(-1j * self.places * columns).movedim(-2, -3)  # (P, 2, N, 2)
-        if self.tied:
-            slopes = slopes[:, :1] + slopes[:, 1:] * _slope(place, self.duct.at(index))[:, None, None, None]
-        return project(columns, slopes, self.pressure[index])
+        (r, r1), (s, s1) = relation(place[:, 0], duct := self.duct.at(index))
+        (far_r, far_r1), (far_s, far_s1) = relation(place[:, 1], duct)
+        turn = -(s1 * far_r - r1 * far_s) / (s * far_r1 - r * far_s1)  # d alpha-/d alpha+ at one wall
+        both = torch.stack([torch.ones_like(turn), turn], -1)[:, None]
+        return project(columns, (-1j * self.places * columns * both)[:, None], self.pressure[index])
 
     def size(self, place: Tensor, step: Tensor, index: Tensor) -> Tensor:
         """Of k + |alpha|."""
@@ -129,8 +121,6 @@ class WavePairs(Problem):
 
     def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
         """Both wavenumbers after a step, and whether alpha- could follow."""
-        if not self.tied:
-            return place + step, True
         duct, ahead = self.duct.at(index), place[:, 0] + step[:, 0]
         begin, end = _wall_of(place[:, 0], duct), _wall_of(ahead, duct)
         # Both pairs are known up to a factor; the straight way between them is to be the short one.
@@ -138,13 +128,6 @@ class WavePairs(Problem):
         turn = torch.where(inner.abs() > 0, inner.conj() / inner.abs().clamp(min=1e-300), 1 + 0j)
         behind, there = carry_wavenumber(duct, place[:, 1], begin, (end[0] * turn, end[1] * turn), first_step=1.0)
         return torch.stack([ahead, behind], -1), there & torch.isfinite(behind)
-
-
-def _slope(wave: Tensor, duct: Duct) -> Tensor:
-    """d alpha-/d alpha+ at one wall."""
-    (r, r1), (s, s1) = relation(wave[:, 0], duct)
-    (far_r, far_r1), (far_s, far_s1) = relation(wave[:, 1], duct)
-    return -(s1 * far_r - r1 * far_s) / (s * far_r1 - r * far_s1)
 
 
 def _wall_of(wavenumber: Tensor, duct: Duct) -> tuple[Tensor, Tensor]:

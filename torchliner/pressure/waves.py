@@ -83,12 +83,9 @@ def educe_waves(
 ) -> WallEduction:
     """The impedance of a line's waves, its error bars and its warnings, which are told.
 
-    Args:
-        seen: the line along s.  waves_of: the method, of pressures along s, (..., N, F), with any leading axes.
-        method: for tables and legends.  unknowns: U, complex ones of the waves.  condition: at the liner.
-        errors: of the microphones.  choices: the method's own.  about: further fields of the record.
-    Raises:
-        RuntimeError: no wave runs with the source at any frequency.
+    ``waves_of`` is the method, of pressures along s, (..., N, F), with any leading axes; ``unknowns`` U, complex ones
+    of the waves; ``choices`` the method's own; ``about`` further fields of the record. RuntimeError where no wave runs
+    with the source at any frequency.
     """
     require_choice("condition", condition, CONDITIONS)
     line, pressure, count, spare = seen.line, seen.pressure, seen.line.microphones, seen.line.microphones - unknowns
@@ -96,7 +93,7 @@ def educe_waves(
     duct = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
     choices = choices | {"condition": condition, "source_side": seen.source_side, "source": line.name}
     choices |= {"microphones": count, "mach": line.stated_mach, "sound_speed": float(line.fluid.sound_speed)}
-    choices |= {"version": __version__, **errors.choices, "largest_misfit": largest_misfit(freedom, CONTRADICTED)}
+    choices |= {"version": __version__, **errors.stated, "largest_misfit": largest_misfit(freedom, CONTRADICTED)}
 
     def impedance_of(waves: Waves) -> Tensor:
         frequency = line.frequency.to(waves.wavenumber.device)
@@ -115,7 +112,7 @@ def educe_waves(
             amplitudes=waves.amplitudes,
             origin=float(line.x[0 if seen.sign == 1 else -1]),
             residual=waves.residual,
-            misfit=errors.misfit(waves.residual, count, unknowns),
+            misfit=errors.misfit(waves.residual, count, spare),
             source_side=seen.source_side,
             singular_values=waves.singular_values,
             choices={**choices, **settled},
@@ -167,8 +164,6 @@ def kumaresan_tufts(
         margin: m that the microphones keep from the liner's ends.
         errors: ``draws``, ``level_error``, ``phase_error`` and ``generator``, as of
             ``pressure.microphone_errors.MicrophoneErrors``.
-    Returns:
-        Wavenumbers, impedance, singular values; with draws the same for each of them.
     Raises:
         TypeError: rank, order or draws is no whole number.
         ValueError: unequal spacing, fewer microphones than twice the order, rank above the order, no known side of the
@@ -182,9 +177,6 @@ def kumaresan_tufts(
     spacing = seen.line.require_equal_spacing("Kumaresan and Tufts' method")
     rank = whole_number("rank", rank)
     length = seen.line.microphones // 2 if order is None else whole_number("order", order)
-    if order is None and rank > length > 0:
-        count = f"{seen.line.microphones} microphones allow an order of {length}, half of them, below the rank, {rank}"
-        raise ValueError(f"{line.name}: {count}; use {2 * rank} microphones, or keep fewer waves (rank)")
 
     def waves_of(pressure: Tensor) -> Waves:
         ratio, amplitude, energy, singular, residual = find_exponentials(pressure.movedim(-2, -1), rank, length)
@@ -225,7 +217,7 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> tuple[Tensor, ..
     if order < 1 or samples < 2 * order:
         raise ValueError(f"{samples} microphones are fewer than twice the order, {order}; the most is {samples // 2}")
     if not 1 <= rank <= order:
-        raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}")
+        raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}, at most half the microphones")
     signal = signal.to(torch.complex128)
     lead = signal.shape[:-1]
     if lead.numel() > SIGNALS:
