@@ -115,7 +115,6 @@ def read_table(
     labels: Sequence[str] | None = None,
     start: int = 0,
     separator: str | None = None,
-    special: Collection[str] = (),
     **about: Any,
 ) -> dict[str, Array]:
     """Columns of numbers in SI units, by name. Remarks, and lines that are blank in all columns, are passed over;
@@ -124,7 +123,6 @@ def read_table(
     Args:
         lines: with a header line, unless ``labels`` of the columns, the index at which rows ``start`` and the
             ``separator`` are stated.
-        special: columns that may hold inf.
         about: as for ``find_columns``.
     Raises:
         ValueError: as ``find_columns``; a cell is blank or unreadable, a row has more cells than columns, decimal marks
@@ -154,7 +152,7 @@ def read_table(
     found, numbers = dict[str, Array](), [*rows]
     for (name, _, factor, quantity), texts in zip(columns, zip(*rows.values(), strict=True), strict=True):
         values = np.array([number_of(text.replace(",", ".")) for text in texts])
-        bad = np.isnan(values) if name in special else ~np.isfinite(values)
+        bad = ~np.isfinite(values)
         if bad.any():
             at = int(bad.argmax())
             raise ValueError(f"{path}: line {numbers[at]}, column {name!r} is {texts[at]!r}; a number is needed")
