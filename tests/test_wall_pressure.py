@@ -147,7 +147,7 @@ APART = 0.2 * torch.arange(12, dtype=torch.float64)
     [
         (lambda: line_of(wave("upstream")[0], frequency=[1000.0, 1500.0, LIMIT + 1]), f"{LIMIT:.4g} Hz .* 50 mm"),
         (lambda: line_of(wave("upstream")[0], duct_width=0.15), "width, 150 mm"),
-        (lambda: line_of(torch.exp(-1j * (5 - 0.5j) * APART[:, None]).expand(-1, 3), x=APART), "wavelength above 1115 Hz"),
+        (lambda: line_of(torch.exp(-1j * (5 - 0.5j) * APART[:, None]).expand(-1, 3), x=APART), "above 1115 Hz"),
         (
             lambda: line_of(torch.exp(-1j * (20 + 0.5j) * X[:, None]).expand(-1, 3)),
             "at 3 of 3 .* resistance is negative",
