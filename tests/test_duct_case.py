@@ -85,11 +85,9 @@ def test_cut_on_modes_are_named():
 def test_near_ends_are_named():
     """Mode 1 decays by sqrt((pi/H)^2 - k^2): 56.5 1/m at 1500 Hz, without flow."""
     share = math.exp(-0.05 * math.sqrt((math.pi / 0.05) ** 2 - (2 * math.pi * 1500 / SPEED) ** 2))
-    said = rf"50 mm from the upstream end: at 1500 Hz {100 * share:.2g} % .* at least 111 mm beyond"
-    with pytest.warns(tl.DataWarning, match=said):
-        DuctSolver(case_of(start=-0.05), FREQUENCY)
-    with pytest.warns(tl.DataWarning, match="50 mm from the downstream end"):
-        DuctSolver(case_of(end=0.2), FREQUENCY)
+    for near in ({"start": -0.05}, {"end": 0.2}):
+        with pytest.warns(tl.DataWarning, match=rf"so near an end that {100 * share:.2g} % of mode 1"):
+            DuctSolver(case_of(**near), FREQUENCY)
 
 
 @pytest.mark.parametrize(
@@ -130,8 +128,6 @@ def test_the_solver_says_what_it_lacks():
     ):
         with pytest.raises(ValueError, match=match):
             call()
-    with pytest.warns(tl.DataWarning, match=r"end_reflection has a modulus of 1.3, above 1"):
-        case_of(end_reflection=torch.tensor([0.5, 1.3j]))
 
 
 MYERS = "ingard-myers"

@@ -29,7 +29,7 @@ class Basis:
     """n = degree + 1 Lagrange polynomials phi through the Gauss points of 0..1, float64.
 
     Attributes:
-        nodes, weights: Gauss points and weights, (n,); the mass matrix is diag(weights).
+        nodes, weights, count: Gauss points and weights, (n,), and n; the mass matrix is diag(weights).
         convection: integral of phi_i' phi_j, (n, n).  first, last: phi at 0 and at 1, (n,).
     """
 
@@ -41,11 +41,7 @@ class Basis:
         self.nodes, self.weights, self.convection, self.first, self.last = (
             torch.as_tensor(part, device=device) for part in parts
         )
-
-    @property
-    def count(self) -> int:
-        """n."""
-        return len(self.nodes)
+        self.count = len(nodes)
 
     def values(self, places: ArrayLike) -> Tensor:
         """phi at places of 0..1, (P, n)."""

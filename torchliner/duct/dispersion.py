@@ -43,8 +43,7 @@ def impedance_from_wavenumber(
         frequency: Hz.  height: H, m.  mach: M of the uniform flow along +x.  sound_speed: c, m/s.
         condition: at the liner, one of ``names.CONDITIONS``.
     Returns:
-        Z, normalised, velocity into the wall, of the broadcast shape; inf at wavenumbers of a rigid duct.
-        Differentiable.
+        Z, normalised, of the broadcast shape, differentiable; inf at wavenumbers of a rigid duct.
     Raises:
         TypeError: alpha is not complex.
         ValueError: a frequency, height or sound speed not above 0, \|M\| >= 1.
@@ -109,8 +108,7 @@ def wavenumber_from_impedance(
             i = int((~arrived).nonzero()[0])
             raise RuntimeError(
                 f"no wavenumber was found for R = {complex(reflection[i]):.4g} at k = {float(flat.wavenumber[i]):.4g} "
-                f"1/m ({int((~arrived).sum())} of {len(arrived)}): two modes meet on the way from the rigid wall, or "
-                "in the rigid duct itself, at a cut-on; change Z or the frequency slightly"
+                "1/m: two modes meet on the way from the rigid wall, or at a cut-on; change Z or the frequency slightly"
             )
     if any(part.requires_grad for part in (reflection, flat.wavenumber, flat.height, flat.mach)):
         # Two Newton steps from the root move nothing, but hand derivatives on, to third order.

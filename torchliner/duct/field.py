@@ -86,9 +86,20 @@ class DuctField:
         Raises:
             ValueError: a point outside the duct.
         """
-        p, u, v = fields_at(self.swept, self.waves, x, y).unbind(-1)
+        swept, mesh, waves = self.swept, self.mesh, self.waves
+        places, heights = np.broadcast_arrays(_places(x), _places(y))
+        (column, inside), (element, above) = _cells("x", places, mesh.x), _cells("y", heights, mesh.y)
+        along, across = (swept.basis.values(part).to(waves) for part in (inside, above))
+        found = waves.new_zeros(3, *waves.shape[:-1], len(places))
+        with one_thread():
+            for at, columns, sweep in swept.sweeps():
+                for number, (one, units) in enumerate(zip(columns, sweep, strict=True)):
+                    here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
+                    incoming = torch.einsum("fid,...fd->...fi", units, waves[..., at, :])
+                    nodes = one.nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
+                    found[..., at, here] = torch.einsum("...pqyx,py,px->q...p", nodes, across[here], along[here])
         speed = self.case.density * self.case.profile.sound_speed
-        return p, u / speed, v / speed
+        return found[0], found[1] / speed, found[2] / speed
 
     def wall_pressure(self, x: Any, wall: str = "opposite") -> Tensor:
         """p on a wall at x (m, (P,) or a number), Pa, (..., F, P): the numerical trace, which meets the wall's law.
@@ -157,23 +168,6 @@ class DuctField:
         first = 2 + basis.count * (np.cumsum(mesh.lined) - 1).clip(0)[column]
         own = torch.as_tensor(first[:, None] + np.arange(basis.count)).to(values.device)
         return arriving, torch.where(lined, (self.waves[..., own] * values).sum(-1), arriving)
-
-
-def fields_at(swept: SweptDuct, waves: Tensor, x: Any, y: Any) -> Tensor:
-    """p, rho c u and rho c v, Pa, at points (m, (P,) or numbers) for X (..., F, D), (..., F, P, 3)."""
-    places, heights = np.broadcast_arrays(_places(x), _places(y))
-    column, inside = _cells("x", places, swept.mesh.x)
-    element, above = _cells("y", heights, swept.mesh.y)
-    along, across = (swept.basis.values(part).to(waves) for part in (inside, above))
-    found = waves.new_zeros(*waves.shape[:-1], len(places), 3)
-    with one_thread():
-        for at, columns, sweep in swept.sweeps():
-            for number, (one, units) in enumerate(zip(columns, sweep, strict=True)):
-                here = torch.as_tensor(np.flatnonzero(column == number)).to(waves.device)
-                incoming = torch.einsum("fid,...fd->...fi", units, waves[..., at, :])
-                nodes = one.nodal(incoming)[..., torch.as_tensor(element).to(here.device)[here], :, :, :]
-                found[..., at, here, :] = torch.einsum("...pqyx,py,px->...pq", nodes, across[here], along[here])
-    return found
 
 
 def _places(values: Any) -> Array:

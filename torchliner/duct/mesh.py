@@ -88,7 +88,7 @@ class DuctMesh:
         if points < fewest:
             tell(
                 f"the mesh is coarse for {frequency:g} Hz: {points:.3g} points per wavelength of the wave against the "
-                f"flow, below {fewest:g} for degree {self.degree}; take smaller elements or a higher degree",
+                f"flow, below {fewest:g} for degree {self.degree}",
                 depth=3,
             )
 

@@ -175,11 +175,7 @@ def duct_modes(
     slips = bool((wall != 1).any()) and require_slip_condition(profile, slip_condition)
     height = profile.duct_height
     kappa = 2 * math.pi * height / profile.sound_speed * wanted
-    try:
-        wall = torch.broadcast_to(wall, np.broadcast_shapes(wall.shape, kappa.shape))
-    except ValueError:
-        shapes = f"{tuple(wall.shape)}, which does not broadcast against (F,) = {tuple(kappa.shape)}"
-        raise ValueError(f"impedance has shape {shapes}") from None
+    wall = wall.expand(np.broadcast_shapes(wall.shape, kappa.shape))
     shape = (*wall.shape, count)
     equation = PridmoreBrown(profile, slips, wall.device)
     rigid = rigid_modes(profile, kappa, count, direction)

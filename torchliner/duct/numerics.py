@@ -3,8 +3,8 @@ r"""Polynomials through given points of 0 to 1, and roots of analytic functions:
 A polynomial is its N values at the points; Legendre coefficients lead from them to what is asked for.
 
 F(z, t) is analytic; a root at t = 0 is carried to t = 1 by tangent steps and Newton's method. A step never lands on a
-neighbour: F' may change over it by 0.3, and the Newton-Kantorovich number |F F''/F'^2| at the predicted point is at
-most 0.05. Where two roots meet, F' = 0, the steps shrink to nothing and the root stalls, unless they meet at t = 1.
+neighbour: F' may change over it by 0.3, the Newton-Kantorovich number |F F''/F'^2| there is 0.05 at most. Where two
+roots meet, F' = 0, the steps shrink to nothing and the root stalls, unless they meet at t = 1.
 """
 
 from collections.abc import Callable
@@ -73,22 +73,6 @@ def with_slopes(function: Callable[..., Tensor], *at: Tensor) -> tuple[Tensor, .
     return value.detach(), *(slope.conj() for slope in slopes)
 
 
-def newton(function: Callable[[Tensor], tuple[Tensor, ...]], z: Tensor, steps: int) -> tuple[Tensor, Tensor]:
-    """Newton's method on F and F' from z, (N,): the roots, and the size of each one's last correction; one that is
-    small and shrinks no more is rounding and is left out."""
-    last = torch.full_like(z.real, torch.inf)
-    for _ in range(steps):
-        value, slope = function(z)
-        change = value / slope
-        size = change.abs()
-        moves = (size < last) | (size > NOISE * z.abs())
-        last = torch.where(moves, size, last)
-        z = torch.where(moves, z - change, z)
-        if bool((last <= ROUNDING * z.abs()).all()):
-            break
-    return z, torch.nan_to_num(last, nan=torch.inf)
-
-
 def follow_roots(function: Function, start: Tensor, first_step: float = LONGEST_STEP) -> tuple[Tensor, Tensor]:
     """Carry roots, complex128, (N,), from t = 0 to t = 1; ``first_step`` of the way is tried first.
 
@@ -116,10 +100,17 @@ def follow_roots(function: Function, start: Tensor, first_step: float = LONGEST_
         todo = todo[(place[todo] < 1) & (step[todo] > SHORTEST_STEP)]
     for arrived, steps in ((True, POLISHING), (False, HALVINGS)):
         index = ((place == 1) == arrived).nonzero()[:, 0]
-        if len(index):
-            end = torch.ones_like(place[index])
-            found, last = newton(lambda z, i=index, t=end: function(z, t, i)[:2], root[index], steps)  # type: ignore[misc]
-            near = (last <= NOISE * found.abs()) & ((found - root[index]).abs() <= NEARBY * found.abs())
-            settled = near | arrived
-            root[index[settled]], place[index[settled]] = found[settled], 1.0
+        z, end = root[index], torch.ones_like(place[index])
+        last = torch.full_like(end, torch.inf)
+        for _ in range(steps if len(index) else 0):  # Newton's method, but for small corrections that grow
+            value, slope, _ = function(z, end, index)
+            change = value / slope
+            moves = (change.abs() < last) | (change.abs() > NOISE * z.abs())
+            last = torch.where(moves, change.abs(), last)
+            z = torch.where(moves, z - change, z)
+            if bool((last <= ROUNDING * z.abs()).all()):
+                break
+        near = (last <= NOISE * z.abs()) & ((z - root[index]).abs() <= NEARBY * z.abs())
+        settled = near | arrived
+        root[index[settled]], place[index[settled]] = z[settled], 1.0
     return root, place

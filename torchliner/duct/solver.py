@@ -45,9 +45,8 @@ RUNS = 0.03  # |Im alpha| H below which a mode is cut on, within 1e-4 of its cut
 class DuctSolver:
     """A duct and its frequencies, swept once; every impedance and source side then costs little.
 
-    The columns of the mesh are condensed and joined by two sweeps, with the lined wall and both ends left open. An
-    impedance, an end reflection or the side of the source then changes a system of the wall's own points, some hundred.
-    The discrete solution is the whole system's, to rounding.
+    The columns of the mesh are condensed and joined by two sweeps, with the lined wall and both ends left open; the
+    rest is a system of the wall's own points. The solution is that of the whole discrete system, to rounding.
 
     Args:
         case: the duct.  frequency: Hz, (F,).  mesh: default ``build_mesh`` for the highest frequency.
@@ -120,15 +119,12 @@ class DuctSolver:
 
     def _ends(self, side: str) -> tuple[Tensor, Tensor]:
         """Amplitudes sent in and reflections of the left and right end, (..., F, 2)."""
-        case, down, count = self.case, side == "upstream", len(self.frequency)
+        case, down = self.case, side == "upstream"
         alpha = self.swept.wavenumber[:, 0 if down else 1].real
         distance = case.place_of_incidence(side) - (case.start if down else case.end)
         amplitude = case.incident * torch.exp(1j * alpha * distance)
         sent = torch.stack([amplitude, torch.zeros_like(amplitude)], -1)
         both = [complex_tensor(r, self.frequency.device) for r in (case.source_reflection, case.end_reflection)]
-        for name, each in zip(("source_reflection", "end_reflection"), both, strict=True):
-            if each.ndim and each.shape[-1] not in (1, count):
-                raise ValueError(f"{name} has shape {tuple(each.shape)}; its last axis must be 1 or {count}")
         returns = torch.stack(torch.broadcast_tensors(*both, alpha)[:2], -1)
         return (sent, returns) if down else (sent.flip(-1), returns.flip(-1))
 
@@ -159,8 +155,7 @@ class DuctSolver:
         if worst > SINGULAR:
             raise RuntimeError(
                 f"the duct's equations are singular: their solution leaves a residual of {worst:.2g} of the incident "
-                "wave (a wall or two ends that feed a resonance); change the impedance, the end reflections or the "
-                "frequency"
+                "wave (a resonance without losses); change the impedance, the end reflections or the frequency"
             )
         eta, out = found[..., :-2], found[..., -2:]
         into, waves = starts + returns * out, reflected(wall, eta)
@@ -176,30 +171,22 @@ def solve_duct(case: DuctCase, frequency: Any, impedance: Any = math.inf, mesh: 
 
 def _warn_of_mode_1(case: DuctCase, frequency: Tensor) -> None:
     """Ends let one mode out; the next, which the liner's edges make, must have died away there."""
-    profile, kappa = case.profile, case.height * case.wavenumber(frequency)
-    down, up = (rigid_modes(profile, kappa, 2, d)[:, 1].imag.abs() for d in DIRECTIONS)
+    kappa = case.height * case.wavenumber(frequency)
+    down, up = (rigid_modes(case.profile, kappa, 2, d)[:, 1].imag.abs() for d in DIRECTIONS)
     runs = down < RUNS
-    if case.liner and not bool(runs.all()):
-        # At the highest frequency below cut-on mode 1 decays least.
-        nearest = torch.where(runs, 0, frequency).argmax()
-        ends = (
-            (float(up[nearest]) / case.height, case.liner[0][0] - case.start, "upstream"),
-            (float(down[nearest]) / case.height, case.end - case.liner[-1][1], "downstream"),
-        )
-        rate, length, end = min(ends, key=lambda each: each[0] * each[1])
-        if rate * length < GONE:
+    if case.liner:
+        ways = (up, case.liner[0][0] - case.start), (down, case.end - case.liner[-1][1])
+        decay = min(float(torch.where(runs, math.inf, rate).min()) / case.height * length for rate, length in ways)
+        if decay < GONE:
             tell(
-                f"the liner lies {1e3 * length:.3g} mm from the {end} end: at {float(frequency[nearest]):g} Hz "
-                f"{100 * math.exp(-rate * length):.2g} % of mode 1, which its edges make, reaches the end, which "
-                f"reflects some of it (limit {100 * math.exp(-GONE):.2g} %); lengthen the duct there to at least "
-                f"{1e3 * GONE / rate:.3g} mm beyond the liner",
+                f"the liner lies so near an end that {100 * math.exp(-decay):.2g} % of mode 1, which its edges make, "
+                f"reaches it and is reflected in part (limit {100 * math.exp(-GONE):.2g} %); lengthen the duct there",
                 depth=2,
             )
     if bool(runs.any()):
         tell(
             f"at {float(frequency[runs].max()):g} Hz mode 1 runs too: its cut-on is about "
-            f"{cut_on_frequency(profile):.4g} Hz. Only the plane-like mode is sent in, and the ends let only that out: "
-            "they reflect some of mode 1",
+            f"{cut_on_frequency(case.profile):.4g} Hz; it is not sent in, and the ends reflect some of it",
             depth=2,
         )
 

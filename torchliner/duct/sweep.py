@@ -23,8 +23,6 @@ from torchliner.duct.modes import DuctModes, duct_modes
 from torchliner.engine.sums import one_thread
 from torchliner.names import DIRECTIONS
 
-AT_ONCE = 128 * 2**20  # bytes of one sweep's waves; beyond, fewer frequencies are swept together
-
 
 class SweptDuct:
     """What a duct does with D unit waves into it, at frequencies (Hz, (F,)).
@@ -54,11 +52,7 @@ class SweptDuct:
         going = torch.stack([against @ means, (along @ means).flip(1)], 1)  # out of the left and the right end
         # Unit waves into the ends, (F, N or 2 N, 2).
         self._ends = torch.cat([along, v], -1).mT if self._flow else along.mT, against.flip(1).mT
-        n, lined, columns = basis.count, int(mesh.lined.sum()), len(mesh.lined)
-        units = 4 + n * lined  # D
-        each = 16 * units * (columns * len(y) * (3 if self._flow else 2) + n * lined)
-        self._at_once = min(len(frequency), max(1, int(AT_ONCE // each)))
-        parts = []
+        n, parts = basis.count, []
         with one_thread():  # see ``DuctSolver.solve``
             for at, found, waves in self.sweeps():
                 wall, upper, lower, out = [], [], [], list[Tensor]()
@@ -74,10 +68,10 @@ class SweptDuct:
         self.reading, self.upper, self.lower = (torch.cat(part) for part in zip(*parts, strict=True))
 
     def sweeps(self) -> Iterator[tuple[slice, list[Column], Iterator[Tensor]]]:
-        """Some frequencies at a time: which, the columns, and the unit waves into each, (F, I, D), from the left on."""
+        """A frequency at a time, so that their waves do not pile up: which, the columns, and the unit waves into each,
+        (1, I, D), from the left on."""
         kinds = list(zip(self.mesh.widths.tolist(), self.mesh.lined.tolist(), strict=True))
-        for first in range(0, len(self.frequency), self._at_once):
-            at = slice(first, first + self._at_once)
+        for at in (slice(i, i + 1) for i in range(len(self.frequency))):
             k = self.mesh.case.wavenumber(self.frequency[at])
             known = {kind: Column(k, kind[0], self.basis, self._rows, self._flow, kind[1]) for kind in set(kinds)}
             columns = [known[kind] for kind in kinds]
