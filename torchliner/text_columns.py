@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,33 +60,37 @@ def number_of(text: str) -> float:
     return np.nan
 
 
-class Column(NamedTuple):
-    """Where the values of a name stand, from 0, their factor to SI, and a key of ``units.FACTORS`` (None: any unit)."""
-
-    name: str
-    place: int
-    factor: float
-    quantity: str | None
-
-
-def find_columns(
-    labels: Sequence[str],
+def read_table(
+    lines: Sequence[str],
     known: Mapping[str, str | None],
     path: str | Path,
     *,
     example: str,
     optional: Collection[str] = (),
     others: Collection[str] = (),
-) -> list[Column]:
-    """Columns by labels such as ``x [mm]``, in any order, a minus before those whose sign is turned; a ValueError where
-    one is unknown, missing, named twice, or without a unit.
+    labels: Sequence[str] | None = None,
+    start: int = 0,
+    separator: str | None = None,
+) -> dict[str, Array]:
+    """Columns of numbers in SI units, by name, of labels such as ``x [mm]``, in any order, a minus before those whose
+    sign is turned. Remarks, and lines that are blank in all columns, are passed over; ``#N/A`` in the first of several
+    cells is a value that is missing, no remark.
 
     Args:
-        known: quantity of each by its name, in lower case; None takes values in any unit as they stand.
+        lines: with a header line, unless ``labels`` of the columns, the index at which rows ``start`` and the
+            ``separator`` are stated.
+        known: quantity of each column by its name, in lower case; None takes values in any unit as they stand.
         example: a header that is right, for messages.
         optional, others: names that may be absent, and that are passed over.
+    Raises:
+        ValueError: a column is unknown, missing, named twice, or without a unit; a cell is blank or unreadable, a row
+            has more cells than columns, decimal marks are mixed, or no measurement has such a value.
     """
-    found: dict[str, Column] = {}
+    if labels is None:
+        start = header_line(lines, path)
+        separator = separator_of(lines[start])
+        labels, start = cells_of(lines[start].rstrip(f"{separator} "), separator), start + 1
+    columns, rows, marks = dict[str, tuple[int, float]](), dict[int, list[str]](), list[str]()
     for index, label in enumerate(labels):
         match = LABEL.fullmatch(label)
         name, unit = (match[1].lower(), match[2] or match[3] or "") if match else (label, "")
@@ -95,44 +99,15 @@ def find_columns(
         if name not in known:
             raise ValueError(f"{path}: unknown column {label!r}{did_you_mean(name, list(known))}; write {example}")
         where, quantity = f"{path}: column {name!r}", known[name]
-        if name in found:
+        if name in columns:
             raise ValueError(f"{where} is named twice")
         if quantity not in (None, "number") and not unit:
             raise ValueError(f"{where} has no unit in {label!r}; write it as in 'x [mm]'")
         factor = 1.0 if quantity is None else si_factor(quantity, unit, where)
-        found[name] = Column(name, index, -factor if label[:1] == "-" else factor, quantity)
+        columns[name] = index, -factor if label[:1] == "-" else factor
     for name in known:
-        if name not in found and name not in optional:
-            raise ValueError(f"{path}: column {name!r} is missing; there are: {', '.join(found)}; write {example}")
-    return list(found.values())
-
-
-def read_table(
-    lines: Sequence[str],
-    known: Mapping[str, str | None],
-    path: str | Path,
-    *,
-    labels: Sequence[str] | None = None,
-    start: int = 0,
-    separator: str | None = None,
-    **about: Any,
-) -> dict[str, Array]:
-    """Columns of numbers in SI units, by name. Remarks, and lines that are blank in all columns, are passed over;
-    ``#N/A`` in the first of several cells is a value that is missing, no remark.
-
-    Args:
-        lines: with a header line, unless ``labels`` of the columns, the index at which rows ``start`` and the
-            ``separator`` are stated.
-        about: as for ``find_columns``.
-    Raises:
-        ValueError: as ``find_columns``; a cell is blank or unreadable, a row has more cells than columns, decimal marks
-            are mixed, or no measurement has such a value.
-    """
-    if labels is None:
-        start = header_line(lines, path)
-        separator = separator_of(lines[start])
-        labels, start = cells_of(lines[start].rstrip(f"{separator} "), separator), start + 1
-    columns, rows, marks = find_columns(labels, known, path, **about), dict[int, list[str]](), list[str]()
+        if name not in columns and name not in optional:
+            raise ValueError(f"{path}: column {name!r} is missing; there are: {', '.join(columns)}; write {example}")
     for number, line in enumerate(lines[start:], start + 1):
         row = cells_of(line, separator) or [""]
         if row[0][:1] == "#" and not (len(row) > 1 and NO_VALUE.fullmatch(row[0])):
@@ -140,7 +115,7 @@ def read_table(
         if any(row[len(labels) :]):
             raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {len(labels)}")
         row += [""] * (len(labels) - len(row))
-        if any(cells := [row[column.place] for column in columns]):
+        if any(cells := [row[index] for index, _ in columns.values()]):
             rows[number] = cells
     if not rows:
         raise ValueError(f"{path} holds no values: the file ends at line {len(lines)}")
@@ -150,15 +125,15 @@ def read_table(
     if len(marks) == 2:
         raise ValueError(f"{path} mixes decimal marks: {marks[0]}, {marks[1]}; write all numbers with one mark")
     found, numbers = dict[str, Array](), [*rows]
-    for (name, _, factor, quantity), texts in zip(columns, zip(*rows.values(), strict=True), strict=True):
-        values = np.array([number_of(text.replace(",", ".")) for text in texts])
+    for (name, (_, factor)), texts in zip(columns.items(), zip(*rows.values(), strict=True), strict=True):
+        values, where = np.array([number_of(text.replace(",", ".")) for text in texts]), f"column {name!r}"
         bad = ~np.isfinite(values)
         if bad.any():
             at = int(bad.argmax())
-            raise ValueError(f"{path}: line {numbers[at]}, column {name!r} is {texts[at]!r}; a number is needed")
+            raise ValueError(f"{path}: line {numbers[at]}, {where} is {texts[at]!r}; a number is needed")
         found[name] = values * factor
-        if quantity is not None:
-            require_plausible(found[name], quantity, f"{path}: column {name!r}", numbers)
+        if (quantity := known[name]) is not None:
+            require_plausible(found[name], quantity, f"{path}: {where}", numbers)
     return found
 
 

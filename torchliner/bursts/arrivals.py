@@ -202,11 +202,8 @@ def tone_attenuation(signal: GridSignal, frequency: Any, window: Any = "hann") -
 
 
 def corrected_coherent_part(signal: GridSignal, attenuation: ToneAttenuation) -> GridSignal:
-    """The signal with each tone's own part put back to its amplitude, all else untouched.
-
-    Noise at the line is raised by 1/G with it; what the reconstruction took from the turbulence stays lost. A
-    ValueError where a factor is below 0.3, since that would raise noise by more than 3.
-    """
+    """The signal with each tone's own part put back to its amplitude, and noise at the line with it, all else
+    untouched; a ValueError where a factor is below 0.3, since that would raise noise by more than 3."""
     smallest = float(attenuation.factor.abs().min())
     if smallest < LEAST_FACTOR:
         raise ValueError(

@@ -31,6 +31,7 @@ from torchliner.engine.intervals import (
 )
 from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
+from torchliner.records.wall_eduction import deviation
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 
@@ -44,8 +45,8 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
     average = LineAverage(
         impedance=mean_impedance(line.admittance[used]),
         monte_carlo=mean_impedance(drawn),
-        monte_carlo_spread=_deviation(impedance_from_admittance(drawn)),
-        spatial_spread=_deviation(line.impedance[used]),
+        monte_carlo_spread=deviation(impedance_from_admittance(drawn)),
+        spatial_spread=deviation(line.impedance[used]),
         interval=None,
         stations=int(used.sum()),
     )
@@ -93,10 +94,3 @@ def monte_carlo(admittance: Tensor, counts: Tensor, draws: int, seed: int = 0) -
     uniform = torch.rand(draws, len(admittance), generator=generator, dtype=torch.float64)
     pick = (uniform * counts).to(torch.int64).minimum(counts - 1)
     return admittance[torch.arange(len(admittance)), pick].mean(1)
-
-
-def _deviation(values: Tensor) -> Tensor:
-    """Of R and of X over the first axis; nan of a single value, which has none."""
-    if len(values) == 1:
-        return torch.full_like(values[0], torch.nan)
-    return torch.complex(values.real.std(0), values.imag.std(0))

@@ -16,7 +16,7 @@ from torchliner.checks import tell
 from torchliner.io.burst_sources import StationSource, list_stations
 from torchliner.io.own_file import read_line
 from torchliner.io.own_writer import write_record
-from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.model import Liner, LinerModel, as_liner, reflection_of
 from torchliner.names import __version__
 from torchliner.records import BurstRecord, ImpedanceLine
 from torchliner.records.notes import Note
@@ -67,8 +67,12 @@ def educe_bursts(
     found = [stations] if isinstance(stations, Station) else list(stations)
     if not found or not all(isinstance(station, Station) for station in found):
         raise TypeError(f"stations are {found}; a file or folder of bursts, or BurstRecords, are needed")
+    case: dict[str, Any] = {}
     for station in found:
         record, line = station.read() if isinstance(station, StationSource) else station, None
+        for key in (*CASE, "frequency", "displacement_thickness"):
+            if (own_value := getattr(record, key)) != case.setdefault(key, own_value):
+                raise ValueError(f"{record.name} has {key} {own_value}, others {case[key]}; a line is of one case")
         if parts is not None:
             part = Path(parts) / f"{_digest(model, record, frequency, own, chosen.describe())}.h5"
             with contextlib.suppress(ValueError, OSError):  # not there, or damaged
@@ -91,14 +95,8 @@ def educe_bursts(
 
 def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
     """Stations of several lines of one case as one, in the order given; averages and intervals are not carried over."""
-    first = lines[0]
-    for other in lines[1:]:
-        for (what, mine), theirs in zip(_case(first).items(), _case(other).values(), strict=True):
-            if mine != theirs and not (what == "tone (Hz)" and None in (mine, theirs)):
-                both = f"{other.names[0]} has {what} {theirs}, {first.names[0]} {mine}"
-                raise ValueError(f"{both}; the stations of a line share one case")
     joined: dict[str, Any] = {"average": None, "interval": None, "notes": ()}
-    for name, value in vars(first).items():
+    for name, value in vars(lines[0]).items():
         values = [getattr(line, name) for line in lines]
         if name in OF_SEGMENTS:  # nan for the segments that a shorter station lacks
             each = [own for several in values for own in several]
@@ -107,24 +105,16 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
             joined[name] = torch.cat(values)
         elif isinstance(value, tuple) and name != "notes":
             joined[name] = sum(values, ())
-    return dataclasses.replace(first, **joined)
-
-
-def _case(line: ImpedanceLine) -> dict[str, Any]:
-    """What the stations of a line share."""
-    thickness = None if line.goodrich is None else line.goodrich.tolist()
-    about = {"frequency (Hz)": line.frequency.tolist(), "tone (Hz)": line.choices["tone"]}
-    return about | {key: getattr(line, key) for key in CASE} | {"displacement thickness (2.7)": thickness}
+    return dataclasses.replace(lines[0], **joined)
 
 
 def _digest(liner: LinerModel, record: BurstRecord, *more: Any) -> str:
     """Hash of what a finished station follows from: the name of a liner's table says too little."""
     low, high = liner.frequency_range or (300.0, 3500.0)
     speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
-    with torch.no_grad():
-        response = [liner.impedance(f, speeds) for f in torch.linspace(float(low), float(high), 9).tolist()]
+    response = reflection_of(liner, torch.linspace(float(low), float(high), 9, dtype=torch.float64)[:, None], speeds)
     digest = hashlib.sha256(__version__.encode())
-    for fact in [*map(torch.as_tensor, response), liner.describe(), *more, *vars(record).values()]:
+    for fact in [response.detach(), liner.describe(), *more, *vars(record).values()]:
         digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())
     return digest.hexdigest()[:32]
 

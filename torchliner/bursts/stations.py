@@ -161,9 +161,7 @@ def _flags(raw: BurstRecord, kept: BurstRecord, moments: BurstMoments) -> Iterat
     rate, gap = moments.rate, moments.rate * moments.longest_gap
     # The longest of N exponential intervals exceeds g with a chance of about N exp(-rate g).
     chance = (kept.bursts - 1) * math.exp(-gap)
-    if not rate > 0:
-        yield f"{kept.bursts} bursts: no rate, no intervals"
-    elif chance < GAP_CHANCE:
+    if chance < GAP_CHANCE:
         text = f"chance in a Poisson process {chance:.0e}, limit {GAP_CHANCE:g}"
         yield f"a gap of {1e3 * moments.longest_gap:.3g} ms, {gap:.3g} mean intervals ({text})"
     if kept.frequency is not None and rate < FEWEST_PER_PERIOD * kept.frequency:
