@@ -5,10 +5,10 @@ from __future__ import annotations
 import glob
 import itertools
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
@@ -32,9 +32,13 @@ def _in_hertz(value: Any) -> Any:
 
 
 Texts = Annotated[list[str], BeforeValidator(_listed)]
+_REQUEST: Any = {name: (hint | None, None) for name, hint in get_type_hints(PlaneRequest).items()}
+_CHOICES: Any = dict.fromkeys(get_type_hints(Choices), (Any, None))
+RequestTable: Any = create_model("RequestTable", __base__=Strict, **_REQUEST)
+ChoicesTable: Any = create_model("ChoicesTable", __base__=Strict, **_CHOICES)
 
 
-class PlanesTable(Strict):
+class PlanesTable(RequestTable):  # type: ignore[misc]
     """A table ``[[planes]]``: files, and what they do not say; SI units."""
 
     files: Annotated[Texts, Field(min_length=1)]
@@ -47,21 +51,6 @@ class PlanesTable(Strict):
     incident_level: float | None = None
     mach: float | None = None
     displacement_thickness: float | None = Field(None, ge=0)
-    variable: str | None = None
-    group: str | None = None
-    axes: list[str] | None = None
-    velocity_units: str | None = None
-    length_units: str | None = None
-    sampling_rate: float | None = Field(None, gt=0)
-    normal: str | None = None
-    wall_normal_component: bool | None = None
-    x: str | None = None
-    z: str | None = None
-    points: str | None = None
-
-
-_NAMES = [field.name for field in fields(Choices)]
-ChoicesTable: type[Strict] = create_model("ChoicesTable", __base__=Strict, **dict.fromkeys(_NAMES, (Any, None)))  # type: ignore[call-overload]
 
 
 class CampaignTable(Strict):
@@ -73,16 +62,23 @@ class CampaignTable(Strict):
     planes: list[PlanesTable] = Field(min_length=1)
     liners: Texts = Field(default_factory=list)
     frequencies: Annotated[list[float], BeforeValidator(_in_hertz)] = Field(default_factory=list)
-    choices: ChoicesTable = ChoicesTable()  # type: ignore[valid-type]
+    choices: ChoicesTable = ChoicesTable()
 
     @model_validator(mode="after")
     def _check_choices(self) -> CampaignTable:
-        for each in choice_sets(self.choices.model_dump(exclude_unset=True)):  # type: ignore[attr-defined]
+        for each in self.choice_sets():
             try:
                 Choices(**each)
             except TypeError as error:
                 raise ValueError(f"choices: {error}") from None
         return self
+
+    def choice_sets(self) -> list[dict[str, Any]]:
+        """Every combination of values of which some are lists; ``interval = false``: None, for which TOML has no
+        word."""
+        lists = {key: _listed(value) for key, value in self.choices.model_dump(exclude_unset=True).items()}
+        sets = [dict(zip(lists, each, strict=True)) for each in itertools.product(*lists.values())]
+        return [{k: None if k == "interval" and v is False else v for k, v in each.items()} for each in sets]
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,7 @@ class Case:
     shown: str  # the path as seen from the campaign's file
     facts: Mapping[str, Any]  # of ``VelocityPlane``, in the place of the file's
     request: Mapping[str, Any]  # of ``PlaneRequest``
-    liners: tuple[str, ...]  # presets or paths; none: the one that the file names
+    liners: Sequence[str]  # presets or paths; none: the one that the file names
     in_situ: Path | None  # pressure record of the same run
 
     def files(self) -> list[Path]:
@@ -109,18 +105,16 @@ class Campaign:
 
     path: Path  # of the file
     output: Path  # folder for the results
-    cases: tuple[Case, ...]
-    frequencies: tuple[float, ...]  # Hz; none: the tone of each plane
-    choices: tuple[tuple[dict[str, Any], dict[str, Any]], ...]  # sets of them, each with what varies between the sets
+    cases: Sequence[Case]
+    frequencies: Sequence[float]  # Hz; none: the tone of each plane
+    choices: Sequence[dict[str, Any]]  # sets of them
     title: str
     figures: bool
 
-
-def choice_sets(stated: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Every combination of values of which some are lists; ``interval = false`` is None, for which TOML has no word."""
-    lists = {key: _listed(value) for key, value in stated.items()}
-    sets = [dict(zip(lists, each, strict=True)) for each in itertools.product(*lists.values())]
-    return [{k: None if k == "interval" and v is False else v for k, v in each.items()} for each in sets]
+    @property
+    def varied(self) -> list[str]:
+        """Choices that the sets differ by."""
+        return [key for key in self.choices[0] if any(one[key] != self.choices[0][key] for one in self.choices)]
 
 
 def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaign:
@@ -148,23 +142,15 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
             found[match] = each
     names = unique_names(found)
     cases = [_case(*each, name, table.liners, folder) for each, name in zip(found.items(), names, strict=True)]
-    sets = choice_sets(table.choices.model_dump(exclude_unset=True))  # type: ignore[attr-defined]
-    varied = {key for key in sets[0] if len({repr(one[key]) for one in sets}) > 1}
-    choices = tuple((one, {key: one[key] for key in one if key in varied}) for one in sets)
-    return Campaign(path, target, tuple(cases), tuple(table.frequencies), choices, table.title, table.figures)
+    return Campaign(path, target, cases, table.frequencies, table.choice_sets(), table.title, table.figures)
 
 
 def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]:
-    """The file of that very name, else the files of a pattern, sorted; one of each series, and none of the results.
-
-    Raises:
-        FileNotFoundError: none.
-    """
-    found = [folder / pattern]
+    """The file of that very name, else the files of a pattern, sorted; one of each series, and none of the results;
+    FileNotFoundError where there is none."""
+    kept, covered, found = list[Path](), set[Path](), [folder / pattern]
     if not found[0].exists():
         found = [*map(Path, sorted(glob.glob(os.path.join(glob.escape(str(folder)), pattern), recursive=True)))]
-    kept: list[Path] = []
-    covered: set[Path] = set()
     for each in found:
         if each not in covered and not each.absolute().is_relative_to(output.absolute()):
             kept.append(each)
@@ -175,24 +161,20 @@ def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]
     return kept
 
 
-def _case(path: Path, table: PlanesTable, name: str, liners: list[str], folder: Path) -> Case:
+def _case(path: Path, table: Any, name: str, liners: list[str], folder: Path) -> Case:
     """One plane of a table; ``liners`` of the whole campaign win, paths begin at ``folder``."""
     facts = table.model_dump(exclude_none=True, exclude=OWN)
     request = {field.name: facts.pop(field.name) for field in fields(PlaneRequest) if field.name in facts}
     for key in NAMED:
         if any((folder / each).is_file() for each in _file_names(request.get(key, ""))):
             request[key] = str(folder / request[key])
-    named = liners or ([] if table.liner is None else [table.liner])
-    for each in named:
+    found = []
+    for each in liners or ([] if table.liner is None else [table.liner]):
         if Path(each).suffix.lower() == ".py":
-            raise ValueError(
-                f"liner {each} is a program, which no campaign runs; give its values as .csv (frequency, speed, "
-                "resistance, reactance), or name it on the command line of educe"
-            )
-    found = [str(folder / each) if Path(each).suffix.lower() in (".toml", ".csv") else each for each in named]
+            raise ValueError(f"liner {each} is a program, which no campaign runs; give its values as .csv")
+        found.append(str(folder / each) if Path(each).suffix.lower() in (".toml", ".csv") else each)
     shown = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
-    in_situ = None if table.in_situ is None else folder / table.in_situ
-    return Case(path, name, shown, facts, request, tuple(found), in_situ)
+    return Case(path, name, shown, facts, request, found, None if table.in_situ is None else folder / table.in_situ)
 
 
 def _file_names(name: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""What a campaign leaves: a row per unit and frequency, as CSV of each unit and of all, and the page of all."""
+"""What a campaign leaves: a table with a row per unit and frequency, and a page of it."""
 
 import cmath
 import csv
@@ -22,7 +22,7 @@ EMPTY: Row = {  # a row of which nothing is known
     **dict.fromkeys(("height", "frequency"), math.nan),
     **dict.fromkeys(("impedance", "low", "high"), UNKNOWN),
     **dict.fromkeys(("level_check", "status", "error", "hash", "campaign", "version"), ""),
-    **dict.fromkeys(("notes", "seconds"), math.nan),
+    "notes": math.nan,
 }
 COLUMNS = list(table_of([EMPTY]).as_rows()[0])  # of CSV
 PARTS = {complex: 2, float: 1}  # columns of a value

@@ -1,7 +1,7 @@
 """A campaign from its planes to maps, tables and an index, as often as it takes.
 
-A unit is a plane with a liner and choices. It is done when its rows are there with the hash of all that they depend
-on. Moments, which units may share, have such a hash in their name; what a killed run has summed of them stays beside.
+A unit is a plane with a liner and choices. It is done when its map is there with the hash of all that it depends on.
+Moments, which units may share, have such a hash in their name; what a killed run has summed of them stays beside.
 """
 
 import contextlib
@@ -10,9 +10,8 @@ import hashlib
 import json
 import re
 import shutil
-import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -25,13 +24,14 @@ from torchliner.checks import DataWarning
 from torchliner.engine.moments import SETTINGS, Moments
 from torchliner.io.microphone_file import read_pressure
 from torchliner.io.moments_file import holds_moments, read_moments
+from torchliner.io.own_file import read_map
 from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import locked, printable, writable_folder
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import LinerModel
 from torchliner.names import __version__
 from torchliner.pressure.dean import with_in_situ
-from torchliner.records import VelocityPlane
+from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import input_file, with_choices
 from torchliner.records.velocity_plane import restated
 from torchliner.report.answer import answer_of
@@ -43,34 +43,25 @@ from torchliner.velocity.reading import Progress
 
 READS = "reads data"
 MOST_PLANES = 32  # whose blocks are under way at once
-FOLDERS = ("moments", "maps", "lines", "units", "figures")  # of the results
+FOLDERS = ("moments", "maps", "lines", "figures")  # of the results
 REDUCED = (*SETTINGS, "device", "dtype")  # choices that moments are made with
 Rows = list[Row]
 
 
 @dataclass(frozen=True)
 class Unit:
-    """What is educed by itself.
+    """What is educed by itself."""
 
-    Args:
-        name: of its files.
-        liner: preset or path.  model: that liner.  choices: of ``educe``.
-        hash: of everything that its results depend on.
-        request: of ``torchliner.moments``; None where moments are what the case names.
-        moments: their file, which other units may share.
-        plane: with the facts of the campaign's file, its velocity still in its own.
-    """
-
-    name: str
+    name: str  # of its files
     case: Case
     campaign: Campaign
-    liner: str
+    liner: str  # preset or path
     model: LinerModel
-    choices: Mapping[str, Any]
-    hash: str
-    request: Mapping[str, Any] | None
-    moments: Path
-    plane: VelocityPlane
+    choices: Mapping[str, Any]  # of ``educe``
+    hash: str  # of everything that its results depend on
+    request: Mapping[str, Any] | None  # of ``torchliner.moments``; None where moments are what the case names
+    moments: Path  # their file, which other units may share
+    plane: VelocityPlane  # with the facts of the campaign's file, its velocity still in its own
 
     @property
     def bytes(self) -> int:
@@ -86,12 +77,22 @@ class Unit:
         about = {"unit": self.name, "file": self.case.shown, "liner": Path(self.liner).stem, "hash": self.hash}
         return full_row(**about, choices=json.dumps(self.choices, sort_keys=True), **known)
 
+    def rows(self, found: ImpedanceMap) -> Rows:
+        """Of the index, one a frequency of the map."""
+        name, check, rows = found.averaging, found.level_check, Rows()
+        about = {"height": found.height, "source_side": found.source_side, "averaging": name}
+        for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
+            low, high = found.bounds_of_liner(name, i) or (None, None)
+            words = "" if check is None else check.words(name, i).removesuffix("-")
+            z_and_more = {"impedance": z, "low": low, "high": high, "level_check": words, "notes": len(found.notes)}
+            rows.append(self.row(frequency=f, status=DONE, **about, **z_and_more))
+        return rows
+
     def kept_rows(self) -> Rows | None:
-        """Of the index, if they are there, and those of this unit as it is now."""
+        """Of the map, if it is there and of this unit as it is now."""
         with contextlib.suppress(OSError, ValueError):
-            rows = read_index(self.result("units", ".csv"))
-            if rows and self.result("maps", ".h5").exists() and all(row["hash"] == self.hash for row in rows):
-                return rows
+            found = read_map(self.result("maps", ".h5"))
+            return self.rows(found) if found.choices.get("unit") == self.hash else None
         return None
 
 
@@ -186,8 +187,8 @@ def _reduce(unit: Unit, progress: Progress | None, client: Any) -> None:
 
 
 def _educed(unit: Unit) -> Rows:
-    """Map, lines, figures and rows of a unit; the rows last, which say that all is there."""
-    start, output, case = time.perf_counter(), unit.campaign.output, unit.case
+    """Lines, figures and map of a unit, and its rows; the map last, which says that all is there."""
+    output, case = unit.campaign.output, unit.case
     known = _moments_of(case, unit.moments)
     pressure = None if case.in_situ is None else read_pressure(case.in_situ)
     found = educe(known, unit.model, [*unit.campaign.frequencies] or None, pressure=pressure, **unit.choices)
@@ -195,23 +196,15 @@ def _educed(unit: Unit) -> Rows:
         (found,) = with_in_situ([found], [known.plane], pressure)
     what = "moments" if case.path == unit.moments else "velocity"
     kept = [each for each in found.choices["inputs"] if each["what"] not in ("velocity", "moments")]
-    found = with_choices(found, inputs=[input_file(what, case.path), *kept])
-    for folder in ("maps", "lines", "units"):
+    found = with_choices(found, inputs=[input_file(what, case.path), *kept], unit=unit.hash)
+    for folder in ("maps", "lines"):
         (output / folder).mkdir(exist_ok=True)
-    found.write(unit.result("maps", ".h5"))
-    about = {"height": found.height, "source_side": found.source_side, "averaging": found.averaging}
-    about |= {"notes": float(len(found.notes)), "status": DONE}
-    rows = []
-    for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
+    for i, f in enumerate(found.frequency.tolist()):
         table_of(impedance_along_x(found, i)).write_csv(unit.result("lines", f"_{f:.10g}Hz.csv"))
-        low, high = found.bounds_of_liner(found.averaging, i) or (None, None)
-        check = "" if found.level_check is None else found.level_check.words(found.averaging, i).removesuffix("-")
-        rows.append(unit.row(frequency=f, impedance=z, low=low, high=high, level_check=check, **about))
     if unit.campaign.figures:
         answer_of(found).write_pictures(output / "figures" / unit.name)
-    rows = [row | {"seconds": round(time.perf_counter() - start, 3)} for row in rows]
-    write_index(rows, unit.result("units", ".csv"))
-    return rows
+    found.write(unit.result("maps", ".h5"))
+    return unit.rows(found)
 
 
 def _units_of(case: Case, campaign: Campaign) -> list[Unit]:
@@ -230,17 +223,17 @@ def _units_of(case: Case, campaign: Campaign) -> list[Unit]:
     data = [input_file("", path)["hash"] for path in case.files()]
     beside = None if case.in_situ is None else input_file("", case.in_situ)["hash"]
     asked, found = campaign.frequencies, []
-    phase_locked = any(Choices(**one).averaging == "phase-locked" for one, _ in campaign.choices)
+    phase_locked = any(Choices(**one).averaging == "phase-locked" for one in campaign.choices)
     for liner in case.liners or (plane.liner,):
         model = load_liner(liner)
         content = _digest(sorted(model.describe().items()), *(Path(name).read_bytes() for name in model.files))
-        for choices, varied in campaign.choices:
+        for choices in campaign.choices:
             request = None if reduced else _reduction(plane, model, asked, choices, phase_locked)
             plain = request and sorted((name, value) for name, value in request.items() if name != "liner")
             of_liner = content if request and request["liner"] else ""
             sums = (data, sorted(case.request.items()), plane.frequency, plain, of_liner, __version__)
             facts = (sorted(case.facts.items()), sorted(choices.items()))
-            words = [case.name, Path(liner).stem, *(f"{k}={v}" for k, v in varied.items())]
+            words = [case.name, Path(liner).stem, *(f"{key}={choices[key]}" for key in campaign.varied)]
             name = "__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words)
             own = _digest(sums, facts, content, asked, beside, campaign.figures)
             file = case.path if reduced else campaign.output / "moments" / f"{case.name}-{_digest(*sums)}.h5"
@@ -255,23 +248,15 @@ def _plane_of(case: Case) -> VelocityPlane:
 
 
 def _moments_of(case: Case, path: Path) -> Moments:
-    """The same of moments.
-
-    Raises:
-        ValueError: another tone than the one that their blocks were cut for.
-    """
-    known = read_moments(path)
-    tone, made = case.facts.get("frequency"), known.plane.frequency
-    if tone is not None and tone != made:
-        raise ValueError(
-            f"{case.shown} holds moments that were reduced with {made or 0:g} Hz, and frequency = {tone:g} is stated: "
-            "leave it out, or name the plane that was reduced"
-        )
+    """The same of moments; ValueError for another tone than the one that their blocks were cut for."""
+    known, tone = read_moments(path), case.facts.get("frequency")
+    if tone is not None and tone != (made := known.plane.frequency):
+        raise ValueError(f"{case.shown} was reduced with {made or 0:g} Hz: leave out frequency = {tone:g}")
     return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
 
 
 def _reduction(
-    plane: VelocityPlane, model: LinerModel, frequencies: tuple[float, ...], choices: Mapping[str, Any], locked: bool
+    plane: VelocityPlane, model: LinerModel, frequencies: Sequence[float], choices: Mapping[str, Any], locked: bool
 ) -> dict[str, Any]:
     """Moments that serve as many units as can share them: those of any liner, if it is smooth in |v|; of the averaging
     that contains the others; at the tone unless other lines are needed."""
@@ -294,5 +279,4 @@ def _digest(*facts: Any) -> str:
 def _words(error: Exception) -> str:
     """One line of an error."""
     text = " ".join(printable(str(error)).split())
-    expected = isinstance(error, (ValueError, OSError, ImportError, TypeError, RuntimeError))
-    return text if text and expected else f"{type(error).__name__}: {text}"
+    return text if isinstance(error, (ValueError, OSError, ImportError, TypeError, RuntimeError)) else repr(error)
