@@ -3,7 +3,6 @@
 import dataclasses
 import gc
 import json
-import math
 import subprocess
 import sys
 import warnings
@@ -60,14 +59,14 @@ def test_a_plane_that_is_whole_is_its_eduction(tmp_path, velocity):
     piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
     ((row,),), _ = followed(tmp_path / "plane.h5")
     wanted = tl.educe(piece(velocity, 0, SAMPLES), tl.load_liner("polito"), averaging="admittance")
-    assert row.impedance == pytest.approx(complex(wanted.answer[0]), abs=1e-4)
+    assert row["impedance"] == pytest.approx(complex(wanted.answer[0]), abs=1e-4)
     low, high = wanted.bounds_of_liner("admittance")
-    assert row.half_width == pytest.approx(
+    assert row["half_width"] == pytest.approx(
         max(high.real - low.real, high.imag - low.imag) / 2,
         rel=0.3,  # blocks of other lengths
     )
-    assert row.samples == SAMPLES
-    assert math.isnan(row.needed)
+    assert row["samples"] == SAMPLES
+    assert row["needed"] is None
 
 
 def test_files_that_come_into_a_folder(tmp_path, velocity):
@@ -75,11 +74,11 @@ def test_files_that_come_into_a_folder(tmp_path, velocity):
     solver.insert(1, lambda: (tmp_path / "v2.h5").write_bytes(b"half"))
     piece(velocity, 0, 600).write(tmp_path / "v0.h5")
     found, moments = followed(tmp_path, *solver)
-    assert [rows[0].samples for rows in found] == [600, 1200, 1800, 2400]
+    assert [rows[0]["samples"] for rows in found] == [600, 1200, 1800, 2400]
     whole = tl.GrowingMoments(piece(velocity, 0, SAMPLES), cell_pitch=0.01)
     one, other = (each.sums["admittance"].sum() for each in (moments, whole.moments()))
     assert float(one) == pytest.approx(float(other))
-    widths = [rows[0].half_width for rows in found]
+    widths = [rows[0]["half_width"] for rows in found]
     assert widths[-1] < widths[0]
 
 
@@ -88,13 +87,13 @@ def test_the_time_until_a_wish_goes_as_its_square(tmp_path, velocity):
     piece(velocity, 0, SAMPLES).write(tmp_path / "plane.h5")
     ((row,),), _ = followed(tmp_path / "plane.h5")
     looks = []
-    for until in (row.half_width / 2, 1.01 * row.half_width):
+    for until in (row["half_width"] / 2, 1.01 * row["half_width"]):
         solver = Solver()
         *_, (_, (half,)) = follow(
             Frames(tmp_path / "plane.h5"), tl.load_liner("polito"), every=1.0, idle=3.0, until=until, sleep=solver
         )
         looks.append(solver.looks)
-        assert half.needed == pytest.approx(row.duration * (row.half_width / until) ** 2)
+        assert half["needed"] == pytest.approx(row["duration"] * (row["half_width"] / until) ** 2)
     assert looks == [3, 0]
 
 
@@ -150,7 +149,7 @@ def test_a_file_that_another_process_writes(tmp_path, velocity, request):
 
         found, moments = followed(path, *[step(False), step(True)] * 2)
         print(file=solver.stdin, flush=True)
-    assert [rows[0].samples for rows in found] == [600, 1200, 1800]
+    assert [rows[0]["samples"] for rows in found] == [600, 1200, 1800]
     whole = tl.GrowingMoments(piece(velocity, 0, 1800), cell_pitch=tl.load_liner("polito").cell_pitch)
     assert torch.equal(moments.sums["admittance"], whole.moments().sums["admittance"])
 
@@ -162,13 +161,11 @@ def test_what_is_wrong_is_told_in_the_end(tmp_path, velocity):
     piece(velocity, 0, 600).write(tmp_path / "v1.h5")
     with pytest.raises(OSError, match=r"v0\.h5 begins with b"):
         list(Frames(tmp_path).new())
-    for other, words in ((piece(velocity, 0, 300), "had 600 samples and has 300"), (piece(velocity + 1, 0, 1800), "")):
-        piece(velocity, 0, 600).write(tmp_path / "v1.h5")
-        frames = Frames(tmp_path / "v1.h5")
-        assert sum(each.samples for each in frames.new()) == 600
-        other.write(tmp_path / "v1.h5")
-        with pytest.raises(OSError, match=rf"{words}.*it was replaced"):
-            list(frames.new())
+    frames = Frames(tmp_path / "v1.h5")
+    assert sum(each.samples for each in frames.new()) == 600
+    piece(velocity, 0, 300).write(tmp_path / "v1.h5")
+    with pytest.raises(OSError, match=r"had 600 samples and has 300; it was replaced"):
+        list(frames.new())
 
 
 def test_the_command(capsys, tmp_path, velocity, monkeypatch):
@@ -299,7 +296,7 @@ def test_moments_are_those_of_one_reading(first, pieces, rate, phase):
 
 
 def test_a_standing_is_left_alone_by_what_comes_later(liner):
-    growing = tl.GrowingMoments(growing_record(2400), liner, averaging="velocity")
+    growing = tl.GrowingMoments(growing_record(2400), cell_pitch=liner.cell_pitch, averaging="velocity")
     then = growing.moments()
     before = then.educe(liner, averaging="velocity").answer
     growing.update(growing_record(6000, 2400).velocity)
@@ -325,11 +322,11 @@ def test_what_needs_the_whole_record_is_refused(choices, words):
 
 def test_samples_that_do_not_fit_are_refused():
     growing = tl.GrowingMoments(growing_record(20), cell_pitch=PITCH)
-    with pytest.raises(ValueError, match="holds 20 samples so far; a period has 30"):
+    with pytest.raises(ValueError, match="holds 20 samples; a period has 30"):
         growing.moments()
     bad = growing_record(30, 20).velocity.clone()
     bad[2, 5] = torch.nan
-    with pytest.raises(ValueError, match="1 of 4 probes hold nan or inf among the new samples, the first is probe 2"):
+    with pytest.raises(ValueError, match="1 of 4 probes hold nan or inf, the first is probe 2"):
         growing.update(bad)
     with pytest.raises(ValueError, match=r"shape \(3, 9\); they are of probes \(4,\), time last"):
         growing.update(torch.zeros(3, 9))

@@ -99,7 +99,7 @@ def stream(options: Any) -> None:
     piece = v[:length].T
     for bars, level in (("error bars", 0.95), ("no error bars", None)):
         first = tl.VelocityPlane(piece, sampling_rate=RATE, frequency=TONE, x=plane_of(v).x, name="stream")
-        growing = tl.GrowingMoments(first, liner, interval=level)
+        growing = tl.GrowingMoments(first, cell_pitch=liner.cell_pitch, interval=level)
         seconds, _ = best(functools.partial(growing.update, piece))
         map_seconds, _ = best(functools.partial(growing.educe, liner, interval=level))
         keeps_up = f"keeps up with {v.shape[1] * length / RATE / seconds:.0f} probes at 200 kHz"

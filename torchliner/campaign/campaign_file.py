@@ -118,14 +118,10 @@ class Campaign:
 
 
 def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaign:
-    """A campaign from its TOML file; paths in it begin at its folder.
+    """A campaign from its TOML file; paths in it begin at its folder, which an output that it states stays in.
 
-    Args:
-        path: TOML.
-        output: folder for the results, in the place of the one stated; default ``NAME_results`` beside the file.
-    Raises:
-        FileNotFoundError: no such file; a pattern that no file matches.
-        ValueError: mistakes, all of them listed; a file that is named twice; a stated output outside of the folder.
+    ``output`` takes the place of the one stated, by default ``NAME_results`` beside the file. A ValueError lists all
+    mistakes.
     """
     path = Path(path)
     tables: dict[str, type[Strict]] = {"planes": PlanesTable, "choices": ChoicesTable}

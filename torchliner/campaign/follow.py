@@ -10,7 +10,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -22,11 +22,11 @@ from torchliner.engine.sums import Held, reduce
 from torchliner.engine.survey import survey_of
 from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import HDF5
-from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.model import Liner, LinerModel
 from torchliner.records import ImpedanceMap, VelocityPlane
+from torchliner.report.table import Row
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.reading import SURVEY, reading_of
-from torchliner.velocity.review import refuse_beyond_table
 
 PIECE_VALUES = 1 << 24  # velocities that are read at once
 MOST = 64  # blocks, then neighbours become one: memory does not grow
@@ -38,20 +38,14 @@ class GrowingMoments:
 
     Args:
         plane: the first samples, (..., t), with all that is stated of the record.
-        liner, frequency, cell_pitch: as for ``moments``.
+        frequency, cell_pitch: as for ``moments``, of any liner.
         choices: as for ``moments``; ``averaging`` is ``admittance`` (the default here) or ``velocity``.
     Raises:
         ValueError: choices that need the whole record; samples that are nan or inf.
     """
 
     def __init__(
-        self,
-        plane: VelocityPlane,
-        liner: Liner | None = None,
-        frequency: Any = None,
-        *,
-        cell_pitch: float | None = None,
-        **choices: Any,
+        self, plane: VelocityPlane, frequency: Any = None, *, cell_pitch: float | None = None, **choices: Any
     ) -> None:
         chosen = Choices(**{"averaging": "admittance"} | choices)
         for name, value in FIXED.items():
@@ -59,12 +53,12 @@ class GrowingMoments:
                 raise ValueError(f"a record that goes on has {name} {value!r} alone; leave it out")
         if chosen.averaging == "phase-locked":
             raise ValueError("averaging 'phase-locked' needs the whole record; take 'admittance' or 'velocity'")
-        liners, lowest = [] if liner is None else [as_liner(liner)], float(plane.asked(frequency).min())
+        lowest = float(plane.asked(frequency).min())
         self.period = plane.sampling_rate / (plane.frequency or lowest)  # samples
         self.each, self.borders = 1, [0]  # periods of a block; borders of all blocks
         self._about = without_velocity(plane)
         several = self._plane(math.ceil(5 * max(self.period, plane.sampling_rate / lowest)))  # periods
-        self._reading = reading_of(several, liners, frequency, chosen, cell_pitch=cell_pitch)
+        self._reading = reading_of(several, [], frequency, chosen, cell_pitch=cell_pitch)
         self._jobs = self._reading.jobs()
         self._rows: dict[str, Tensor] = {}
         self._waiting = torch.empty(0, plane.probes, dtype=plane.velocity.dtype)
@@ -83,10 +77,8 @@ class GrowingMoments:
         new = v.movedim(-1, 0).reshape(v.shape[-1], self._about.probes)
         wrong = ~torch.isfinite(new.sum(0))
         if bool(wrong.any()):
-            raise ValueError(
-                f"{int(wrong.sum())} of {len(wrong)} probes hold nan or inf among the new samples, the first is probe "
-                f"{int(wrong.nonzero()[0])}; nothing of them was added: repair them"
-            )
+            first = int(wrong.nonzero()[0])
+            raise ValueError(f"{int(wrong.sum())} of {len(wrong)} probes hold nan or inf, the first is probe {first}")
         done, rows = self.borders[-1], torch.cat([self._waiting, new])
         while True:
             count = len(self.borders)
@@ -118,21 +110,13 @@ class GrowingMoments:
         return dataclasses.replace(about, velocity=left)
 
     def moments(self) -> Moments:
-        """Of the whole periods so far; later samples leave them alone.
-
-        Raises:
-            ValueError: not one period is whole; |v| beyond the liner's table.
-        """
+        """Of the whole periods so far, a ValueError before the first; later samples leave them alone."""
         if not self.periods:
-            raise ValueError(
-                f"{self._about.name} holds {len(self._waiting)} samples so far; a period has {self.period:g}"
-            )
+            raise ValueError(f"{self._about.name} holds {len(self._waiting)} samples; a period has {self.period:g}")
         blocks = Blocks(tuple(self.borders), self._about.sampling_rate, self.periods)
         reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
         seen = survey_of(self._rows[SURVEY], blocks, reading.lines, reading.harmonics)
-        known = reading.moments(seen, None, self._rows)
-        refuse_beyond_table(known.plane, known)
-        return known
+        return reading.moments(seen, None, self._rows)
 
     def educe(self, liner: Liner, frequency: Any = None, **choices: Any) -> ImpedanceMap:
         """The map of the whole periods so far."""
@@ -151,75 +135,42 @@ class Frames:
 
     def __init__(self, path: Path, request: Mapping[str, Any] | None = None) -> None:
         self.path, self.request = path, dict(request or {})
-        self.error: Exception | None = None  # of the last file, which somebody may still write
-        self._seen: list[Any] = []  # names, sizes and times of change at the last look
+        self.error: Exception | None = None  # of what somebody may still write
         self._done = 0
-        self._head: Tensor | None = None
 
     def files(self) -> list[Path]:
         """As they are now."""
-        inside = sorted(self.path.iterdir(), key=_natural) if self.path.is_dir() else []
-        return [each for each in inside if each.suffix.lower() in HDF5] or [self.path]
+        inside = [each for each in self.path.iterdir() if each.suffix.lower() in HDF5] if self.path.is_dir() else []
+        return sorted(inside, key=_natural) or [self.path]
 
     def new(self) -> Iterator[VelocityPlane]:
         """What has come since, piece by piece, with all that is stated of the plane.
 
         Raises:
-            OSError, ValueError: a file cannot be read that others follow; files do not join; what was read before has
-                become shorter or other.
+            OSError, ValueError: a file cannot be read that others follow; what was read before has become shorter.
         Warns:
             DataWarning: samples stand in two files.
         """
-        files = self.files()
-        seen = [(each, (status := each.stat()).st_size, status.st_mtime_ns) for each in files if each.exists()]
-        if seen == self._seen and self.error is None:
-            return
-        self._seen = seen
-        plane = self._whole(files)
-        if plane is None:
-            return
-        head = plane.read(0, 1).clone().nan_to_num()
-        if plane.samples < self._done or (self._head is not None and not head.equal(self._head)):
-            raise OSError(
-                f"{plane.name} had {self._done} samples and has {plane.samples}, or begins with other values than "
-                "before; it was replaced"
-            )
-        self._head = head
+        files, self.error = self.files(), None
+        try:
+            plane = read_plane(files, lazy=True, **self.request)
+        except (OSError, ValueError) as error:  # the last file is tried again
+            self.error = error
+            if len(files) < 2:
+                return
+            plane = read_plane(files[:-1], lazy=True, **self.request)
+        if plane.samples < self._done:
+            raise OSError(f"{plane.name} had {self._done} samples and has {plane.samples}; it was replaced")
         rows = max(1, PIECE_VALUES // plane.probes)
         for begin in range(self._done, plane.samples, rows):
             slab = plane.read(begin, min(begin + rows, plane.samples))
             self._done = begin + len(slab)
             yield dataclasses.replace(plane, velocity=slab.T.reshape(*plane.probe_shape, -1), streamwise=None)
 
-    def _whole(self, files: list[Path]) -> VelocityPlane | None:
-        """All that can be read; without the last file, which is tried again, while that cannot be read by itself."""
-        self.error = None
-        try:
-            return read_plane(files, lazy=True, **self.request)
-        except (OSError, ValueError) as error:
-            before = read_plane(files[:-1], lazy=True, **self.request) if len(files) > 1 else None
-            try:
-                read_plane(files[-1], lazy=True, **self.request)
-            except (OSError, ValueError) as own:
-                self.error = own
-                return before
-            raise error
-
 
 def _natural(path: Path) -> list[Any]:
     """Numbers as numbers: p9 before p10."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
-
-
-class Standing(NamedTuple):
-    """What is known at a moment."""
-
-    samples: int  # of the whole blocks so far
-    duration: float  # s of the record
-    frequency: float  # Hz
-    impedance: complex  # of the whole liner
-    half_width: float  # of its statistical interval, the wider of resistance and reactance; nan with too few blocks
-    needed: float  # duration at which that is as small as wished, s: it falls as 1/sqrt(duration)
 
 
 def follow(
@@ -232,7 +183,7 @@ def follow(
     until: float | None = None,
     sleep: Callable[[float], None] = time.sleep,
     **choices: Any,
-) -> Iterator[tuple[GrowingMoments, list[Standing]]]:
+) -> Iterator[tuple[GrowingMoments, list[Row]]]:
     """What is known of a plane that grows, each time that samples have come.
 
     Args:
@@ -241,10 +192,13 @@ def follow(
         until: half-width of the interval that ends it.
         choices: of ``GrowingMoments``.
     Yields:
-        The moments, which go on growing, and a row a frequency; none before the first blocks are whole.
+        The moments, which go on growing, and a row a frequency, none before the first blocks are whole: samples (of
+        the whole blocks), duration (s), frequency (Hz), impedance (of the whole liner), half_width (of its interval,
+        the wider of R and X; None with too few blocks), needed (duration at which that is as small as wished, s: it
+        falls as 1/sqrt(duration)).
     Raises:
         ValueError: ``until`` is not above 0, or no interval is asked for that it could be held against.
-        OSError, ValueError: the last file could not be read for as long as ``idle``; as ``Frames.new``.
+        OSError, ValueError: the last file could not be read, or joined, for as long as ``idle``; as ``Frames.new``.
     """
     if until is not None:
         require_positive("until", until)
@@ -261,9 +215,11 @@ def follow(
                 growing.update(piece.velocity)
             count += piece.samples
         if growing is not None and count:
-            waited = 0.0
-            yield growing, (rows := _standing(growing, liner, frequency, until, choices))
-            if rows and until and all(row.half_width <= until for row in rows):
+            waited, rows = 0.0, list[Row]()
+            if growing.periods >= FEWEST_PERIODS:
+                rows = _standing(growing.educe(liner, frequency, **choices), until)
+            yield growing, rows
+            if rows and until and all((row["half_width"] or math.inf) <= until for row in rows):
                 return
         elif waited >= idle:
             if frames.error is not None:
@@ -273,17 +229,15 @@ def follow(
         waited += every
 
 
-def _standing(
-    growing: GrowingMoments, liner: LinerModel, frequency: Any, until: float | None, choices: Mapping[str, Any]
-) -> list[Standing]:
-    """At each frequency; none before the first blocks are whole."""
-    if growing.periods < FEWEST_PERIODS:
-        return []
-    found = growing.educe(liner, frequency, **choices)
-    samples, duration = found.choices["samples"], found.choices["samples"] / found.choices["sampling_rate"]
-    rows = []
+def _standing(found: ImpedanceMap, until: float | None) -> list[Row]:
+    """A row a frequency, as ``follow`` says."""
+    samples, rows = found.choices["samples"], list[Row]()
+    duration = samples / found.choices["sampling_rate"]
     for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-        low, high = found.bounds_of_liner(found.averaging, i) or (complex(math.nan), complex(math.nan))
-        width = max(high.real - low.real, high.imag - low.imag) / 2
-        rows.append(Standing(samples, duration, f, z, width, duration * (width / until) ** 2 if until else math.nan))
+        row = {"samples": samples, "duration": duration, "frequency": f, "impedance": z, "half_width": None}
+        if (bounds := found.bounds_of_liner(found.averaging, i)) is not None:
+            width = bounds[1] - bounds[0]
+            row["half_width"] = max(width.real, width.imag) / 2
+        known = until and row["half_width"]
+        rows.append(row | {"needed": duration * (row["half_width"] / until) ** 2 if known else None})
     return rows

@@ -1,6 +1,5 @@
 """What a campaign leaves: a table with a row per unit and frequency, and a page of it."""
 
-import cmath
 import csv
 import math
 from collections.abc import Mapping, Sequence
@@ -57,10 +56,7 @@ def read_index(path: Path) -> list[Row]:
     with path.open(newline="", encoding="utf-8", errors="replace") as file:
         reader = csv.DictReader(file)
         if reader.fieldnames != COLUMNS:
-            raise ValueError(
-                f"{path} is no index of this version: its columns are {', '.join(reader.fieldnames or ())[:200]}; name "
-                "another --output, or take the torchliner that wrote it"
-            )
+            raise ValueError(f"{path} is no index of this version; name another --output")
         try:
             return [_row_of(row) for row in reader]
         except (ValueError, TypeError, csv.Error) as error:
@@ -79,12 +75,7 @@ def _row_of(line: Mapping[str, str]) -> Row:
 
 
 def report_campaign(folder: Path, output: Path) -> Answer:
-    """The page of a folder that ``torchliner run`` keeps: all rows, and R and X of every case. Returns what is on it.
-
-    Raises:
-        ImportError: jinja2 or matplotlib is not installed.
-        OSError, ValueError: no campaign; an output that cannot be written.
-    """
+    """The page of a folder that ``torchliner run`` keeps: all rows, and R and X of every case. Returns its answer."""
     rows = sorted(read_index(folder / "index.csv"), key=lambda row: (row["unit"], row["frequency"]))
     if not rows:
         raise ValueError(f"{folder} holds no index.csv; it is the folder of no campaign (torchliner run writes one)")
@@ -92,12 +83,6 @@ def report_campaign(folder: Path, output: Path) -> Answer:
     done = [row for row in rows if row["status"] == DONE]
     failed = {row["unit"]: row["error"] for row in rows if row["status"] != DONE}
     fails = [row for row in done if row["level_check"].endswith(FAILS)]
-    known = [row["impedance"] for row in done if cmath.isfinite(row["impedance"])]
-    ranges = [
-        f"{name} from {min(values):.3f} to {max(values):.3f}"
-        for name, part in (("resistance", "real"), ("reactance", "imag"))
-        if (values := [getattr(z, part) for z in known])
-    ]
     notes = [f"{unit}: failed: {printable(error)}" for unit, error in failed.items()]
     notes += [f"level check at {r['frequency']:g} Hz fails, {r['unit']}: {r['level_check']}" for r in fails]
     notes += [f"warnings in the map of {row['unit']}: {int(row['notes'])}" for row in done if row["notes"] > 0]
@@ -109,7 +94,7 @@ def report_campaign(folder: Path, output: Path) -> Answer:
     answer = Answer(
         title=f"Campaign: {rows[0]['campaign'] or folder.name}",
         lines=[
-            f"{count} cases, {count - len(failed)} done and {len(failed)} failed: {'; '.join(ranges)} over ρc.",
+            f"{count} cases, {count - len(failed)} done and {len(failed)} failed.",
             f"The level check fails in {len(fails)} of {sum(bool(row['level_check']) for row in done)} rows in which a "
             "pressure is known.",
         ],

@@ -109,11 +109,8 @@ class Plan(NamedTuple):
 
 
 def plan(campaign: Campaign) -> Plan:
-    """Units of a campaign, and which of them are done. Nothing is written.
-
-    Raises:
-        ValueError: two units of one name; an index of another version; results that would go elsewhere by a link.
-    """
+    """Units of a campaign, and which of them are done; nothing is written. A ValueError where two units have one name,
+    the index is of another version, or results would go elsewhere by a link."""
     output = campaign.output
     for folder in (output / name for name in FOLDERS):
         if not folder.resolve().is_relative_to(output.resolve()):
@@ -137,13 +134,8 @@ def plan(campaign: Campaign) -> Plan:
 def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress | None = None) -> Rows:
     """Do what is not done yet, and write the index, whose rows are returned; a unit that failed has its error there.
 
-    Args:
-        campaign: of ``read_campaign``.
-        client: of dask.distributed, whose workers read the planes; None: all of it here.
-        progress: called with numbers of samples read, 2 T for each of ``Plan.to_read``.
-    Raises:
-        OSError: the folder cannot be written, or another run is at work in it.
-        ValueError: as ``plan``.
+    ``client`` is of dask.distributed, whose workers read the planes; ``progress`` is called with numbers of samples
+    read, 2 T for each of ``Plan.to_read``. An OSError where another run is at work in the folder.
     """
     writable_folder(campaign.output)
     with locked(campaign.output), warnings.catch_warnings(), contextlib.ExitStack() as stack:
@@ -208,11 +200,7 @@ def _educed(unit: Unit) -> Rows:
 
 
 def _units_of(case: Case, campaign: Campaign) -> list[Unit]:
-    """Every liner with every set of choices.
-
-    Raises:
-        OSError, ValueError: the plane, a liner or a pressure record cannot be read.
-    """
+    """Every liner with every set of choices."""
     reduced = holds_moments(case.path)
     if reduced and case.request:
         raise ValueError(f"{case.path} holds moments, which are read as they are: leave out {', '.join(case.request)}")

@@ -1,6 +1,7 @@
 """Commands for many planes, and for those that grow: run, follow, report."""
 
 import argparse
+from math import inf
 from typing import Any
 
 import torchliner as tl
@@ -54,19 +55,20 @@ def follow(options: argparse.Namespace) -> int:
     try:
         for latest in following(frames, liner, options.frequency, **wish, **options.chosen):
             for row in latest[1]:
-                show(options, told(_standing(*row), row._asdict()))
+                show(options, told(_standing(row), row))
     finally:  # whatever ends it leaves what there is
         if output is not None and latest is not None and latest[0].periods:
             latest[0].moments().write(output)
     rows = [] if latest is None else latest[1]
-    reached = options.until is None or (rows and all(row.half_width <= options.until for row in rows))
+    reached = options.until is None or (rows and all((row["half_width"] or inf) <= options.until for row in rows))
     return 0 if reached else 1
 
 
-def _standing(samples: int, duration: float, frequency: float, impedance: complex, *rest: float) -> str:
+def _standing(row: dict[str, Any]) -> str:
     """A line, in the order of ``STANDING``."""
-    numbers = (duration, frequency, impedance.real, impedance.imag, *rest)
-    return f"{samples:<12d}" + "".join(f"{'-' if v != v else format(v, '.4g'):12s}" for v in numbers)
+    numbers = (row["duration"], row["frequency"], row["impedance"].real, row["impedance"].imag)
+    several = (*numbers, row["half_width"], row["needed"])
+    return f"{row['samples']:<12d}" + "".join(f"{'-' if v is None else format(v, '.4g'):12s}" for v in several)
 
 
 def report(options: argparse.Namespace) -> None:
