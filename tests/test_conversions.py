@@ -7,11 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import torchliner as tl
-from torchliner.conversions import (
-    admittance_from_reflection,
-    mean_impedance,
-    spl_from_pressure_amplitude,
-)
+from torchliner.conversions import admittance_from_reflection, spl_from_pressure_amplitude
 
 INF = float("inf")
 CONVERSIONS = (
@@ -90,14 +86,6 @@ def test_conversions_keep_the_shape_and_are_smooth(function):
 def test_conversions_refuse_what_is_not_a_complex_tensor(function, value, kind):
     with pytest.raises(TypeError, match=rf"(impedance|reflection) is {kind}; a complex tensor is"):
         function(value)
-
-
-def test_mean_impedance_is_harmonic():
-    """1/Z is averaged: 1 and 3 give 1.5, half a rigid wall doubles Z, all of one is inf."""
-    assert complex(mean_impedance(number([1.0, 1 / 3]))) == pytest.approx(1.5)
-    y = number([[0.5j, 0.0], [0.0, 0.0]])
-    assert mean_impedance(y).tolist() == [-4j, complex(INF, 0)]
-    assert mean_impedance(y, -1).tolist() == [-4j, complex(INF, 0)]
 
 
 def test_level_of_a_tone():

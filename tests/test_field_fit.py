@@ -14,8 +14,8 @@ import torchliner as tl
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
-from torchliner.least_squares import Problem, System, best_of, damped_step, least_squares
 from torchliner.pressure.fit_field import fit_field
+from torchliner.pressure.least_squares import Problem, System, best_of, damped_step, least_squares
 from torchliner.pressure.waves import kumaresan_tufts
 
 TRUE = 1.4 - 0.6j

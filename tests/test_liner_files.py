@@ -85,9 +85,9 @@ def test_resonance_frequencies(name, changes, resonance):
 
 @pytest.mark.parametrize("call", [tl.load_liner, preset_text])
 def test_unknown_preset_names_the_nearest(call):
-    with pytest.raises(ValueError, match=r"'onerra' \(did you mean 'onera'\?\).* ends in .toml"):
+    with pytest.raises(ValueError, match=r"'onerra' \(did you mean 'onera'\?\).* end in .toml"):
         call("onerra")
-    with pytest.raises(ValueError, match=r"'xyz'; presets are double_layer_example, .*, onera, polito, polito_as_p"):
+    with pytest.raises(ValueError, match=r"'xyz'; presets: double_layer_example, .*, onera, polito, polito_as_p"):
         call("xyz")
 
 

@@ -116,11 +116,10 @@ def test_tolerances_are_read(text, name, wanted):
 @pytest.mark.parametrize(
     ("tolerances", "message"),
     [
-        ({"orifice_diameter": 0.02}, "orifice_diameter is 0.02.* m, mm,"),
-        ({"orifice_diameter": "2e-5"}, "orifice_diameter is '2e-5'.* m, mm"),
-        ({"temperature": "1"}, "temperature is '1'.* K, %"),
-        ({"pressure": "1 kpa"}, "pressure is '1 kpa'.*'kPa'"),
-        ({"porosity": "0.1 mm"}, "porosity is '0.1 mm'.* none, %"),
+        ({"orifice_diameter": 0.02}, "orifice_diameter 0.02 .* m, mm,"),
+        ({"temperature": "1"}, "temperature '1' .* K"),
+        ({"pressure": "1 kpa"}, "pressure '1 kpa' .*'kPa'"),
+        ({"porosity": "0.1 mm"}, "porosity '0.1 mm' .* number is needed"),
         ({"porosity": "0 %"}, "porosity is '0 %'.* above 0"),
         ({"porosity": "2"}, "half-width of 2.*'2 %'"),
         ({"porosty": "1 %"}, "'porosity'"),

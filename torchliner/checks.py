@@ -89,11 +89,9 @@ def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
     prefix = prefix or (f"{record.name}: " if getattr(record, "name", "") else "")
     made: Any = type(record)
     for name, kind in type_hints(made).items():
-        read = _READERS.get(kind) or _OPTIONAL.get(kind)
-        if read is None:
-            continue
-        value = getattr(record, name)
-        if (value is not None or kind not in _OPTIONAL) and not (tensors and isinstance(value, Tensor)):
+        read, value = _READERS.get(kind) or _OPTIONAL.get(kind), getattr(record, name, None)
+        known = value is not None or kind not in _OPTIONAL
+        if read is not None and known and not (tensors and isinstance(value, Tensor)):
             object.__setattr__(record, name, read(f"{prefix}{name}", value))
 
 
@@ -107,8 +105,7 @@ def require_positive(name: str, value: Any) -> None:
 def require_complex(name: str, value: Tensor) -> None:
     """Refuse a real tensor where a complex one is meant."""
     if not (isinstance(value, Tensor) and value.is_complex()):
-        kind = value.dtype if isinstance(value, Tensor) else type(value).__name__
-        raise TypeError(f"{name} is {kind}; a complex tensor is needed")
+        raise TypeError(f"{name} is {getattr(value, 'dtype', type(value).__name__)}; a complex tensor is needed")
 
 
 def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
@@ -120,35 +117,23 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
 
 
 def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
-    """An array, list or number as an array; ``missing``: masked real numbers become nan, else they are refused.
-
-    Raises:
-        TypeError: a table, whose rows and columns have names that an array has not.
-        ValueError: masked values.
-    """
-    if hasattr(value, "iloc") and getattr(value, "ndim", 1) != 1:
-        raise TypeError(f"{name} is a {type(value).__name__}; give .to_numpy(), its axes as documented")
-    if isinstance(value, list | tuple) and any(isinstance(v, np.ma.MaskedArray) for v in value):
+    """An array, list or number as an array; ``missing``: masked real numbers become nan, else they are refused."""
+    if isinstance(value, list | tuple) and any(isinstance(each, np.ma.MaskedArray) for each in value):
         value = np.ma.stack(value)
-    count = int(np.ma.count_masked(value)) if isinstance(value, np.ma.MaskedArray) else 0
-    if not count:
+    if not np.ma.is_masked(value):
         return np.asarray(value)
     if not missing or value.dtype.kind not in "fiu":
-        raise ValueError(f"{name} has {count} masked values of {value.size}; fill them or leave them out")
+        raise ValueError(f"{name} has {np.ma.count_masked(value)} masked values; fill them or leave them out")
     return value.astype(value.dtype if value.dtype.kind == "f" else np.float64).filled(np.nan)
 
 
 def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the array") -> Tensor:
     """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept, arrays copied; TypeError for
     complex numbers, truth values, text, None."""
-    if isinstance(value, Tensor):
-        if value.is_complex():
-            raise TypeError(f"{name}: a real number is needed, not {value.dtype}")
-        return value.to(dtype)
-    found = plain_array(value, name)
-    if found.dtype.kind not in "fiu":
+    found = value if isinstance(value, Tensor) else plain_array(value, name)
+    if found.is_complex() if isinstance(found, Tensor) else found.dtype.kind not in "fiu":
         raise TypeError(f"{name}: a real number is needed, not {found.dtype}")
-    return torch.as_tensor(found.astype(np.float64)).to(dtype)
+    return found.to(dtype) if isinstance(found, Tensor) else torch.as_tensor(found.astype(np.float64)).to(dtype)
 
 
 def phase_tensor(value: Any) -> Tensor:
@@ -173,8 +158,7 @@ def frequency_tensor(frequency: Any, sampling_rate: float | None = None, *, reco
     if wanted.numel() == 0:
         raise ValueError("no frequency is given; name at least one, in Hz")
     for value in wanted.tolist():
-        if not 0 < value < math.inf:
-            require_positive("frequency (Hz)", value)
+        require_positive("frequency (Hz)", value)
         if sampling_rate is not None and value >= sampling_rate / 2:
             raise ValueError(
                 f"frequency {value:g} Hz is at or above Nyquist, {sampling_rate / 2:g} Hz for a sampling rate of "

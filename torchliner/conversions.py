@@ -3,7 +3,7 @@
 Convention everywhere: time factor exp(+j omega t), z = p/(rho c v) with v into the liner.
 """
 
-from typing import TypeVar
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -30,12 +30,9 @@ def reflection_from_impedance(impedance: Tensor) -> Tensor:
 
 
 def impedance_from_reflection(reflection: Tensor) -> Tensor:
-    """Normalised impedance z = (1 + R)/(1 - R), the inverse of eq. (2.9).
+    """Normalised impedance z = (1 + R)/(1 - R), the inverse of eq. (2.9); R = 1 (a rigid wall) gives inf.
 
-    Args:
-        reflection: R, complex, any shape; R = 1 (a rigid wall) gives inf.
-    Raises:
-        TypeError: if ``reflection`` is real.
+    TypeError if ``reflection`` is real.
     """
     require_complex("reflection", reflection)
     under = 1 - reflection
@@ -54,20 +51,6 @@ def impedance_from_admittance(admittance: Tensor) -> Tensor:
     require_complex("admittance", admittance)
     zero = admittance == 0  # where the gradient is 0
     return torch.where(zero, torch.inf, torch.ones_like(admittance) / torch.where(zero, 1, admittance))
-
-
-def mean_impedance(admittance: Tensor, axis: int = 0, weights: Tensor | None = None) -> Tensor:
-    """1 over the mean of 1/Z along an axis, as eq. (5.2) averages; inf, not nan, if that is 0.
-
-    Args:
-        admittance: 1/Z, normalised, complex.
-        axis: of the mean.
-        weights: above 0, one for each along the axis; None for equal ones.
-    """
-    if weights is None:
-        return impedance_from_admittance(admittance.mean(axis))
-    share = (weights / weights.sum()).to(admittance)
-    return impedance_from_admittance((admittance.movedim(axis, -1) * share).sum(-1))
 
 
 def reflection_from_admittance(admittance: Tensor) -> Tensor:
@@ -91,9 +74,6 @@ def spl_from_pressure_amplitude(amplitude: Tensor) -> Tensor:
     return 20 * torch.log10(amplitude.abs() / (2**0.5 * REFERENCE_PRESSURE))
 
 
-Level = TypeVar("Level", float, Tensor)
-
-
-def pressure_amplitude_from_spl(level: Level) -> Level:
+def pressure_amplitude_from_spl(level: Any) -> Any:
     """Peak amplitude (Pa) of a tone of a given sound pressure level, dB re 20 uPa rms."""
     return 2**0.5 * REFERENCE_PRESSURE * 10 ** (level / 20)

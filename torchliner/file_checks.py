@@ -5,7 +5,6 @@ import functools
 import math
 import os
 import reprlib
-import stat
 import struct
 import tokenize
 import tomllib
@@ -18,12 +17,10 @@ from typing import Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from torchliner.checks import require_choice
 from torchliner.fluid import Fluid
 from torchliner.names import did_you_mean
 
-LONGEST_LINE = 1 << 20  # bytes
-LONGEST_TOML = 1 << 20  # letters
-MISTAKES = 20  # that a message lists
 CELLS = 16  # bytes of memory that a byte of text takes as cells and numbers
 # What libraries raise on damaged files, beside ValueError, TypeError and OSError.
 DAMAGE = (
@@ -41,35 +38,22 @@ def naming(path: str | Path) -> Iterator[None]:
     """A block that reads a file: whatever fails there is an OSError or a ValueError that names the file."""
     try:
         yield
-    except (OSError, ValueError, TypeError) as error:
-        if Path(path).name in str(error):
+    except (OSError, ValueError, TypeError, MemoryError, *DAMAGE) as error:
+        if isinstance(error, OSError | ValueError) and Path(path).name in str(error):
             raise
         kind = OSError if isinstance(error, OSError) else ValueError
-        raise kind(f"{path}: {error}") from error
-    except MemoryError as error:
-        raise ValueError(f"{path} does not fit into memory ({error})") from error
-    except DAMAGE as error:
-        what = f"{type(error).__name__}: {error}"
-        raise ValueError(f"{path} is damaged, or of another layout than it says: {what}") from error
+        what = f"is damaged, or of another layout than it says: {type(error).__name__}: {error}"
+        plain = isinstance(error, OSError | ValueError | TypeError)
+        raise kind(f"{path}: {error}" if plain else f"{path} {what}") from error
 
 
 def require_regular(path: str | Path) -> None:
-    """Refuse what is no file of bytes.
-
-    Raises:
-        FileNotFoundError: no such file.
-        OSError: a folder, a device, a pipe; a link that leads round in a circle.
-    """
-    try:
-        mode = Path(path).stat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        raise FileNotFoundError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
-        raise OSError(f"{path} cannot be read: {error}") from error
-    if stat.S_ISDIR(mode):
-        raise OSError(f"{path} is a folder, not a file")
-    if not stat.S_ISREG(mode):
-        raise OSError(f"{path} is a device or a pipe; a regular file is needed")
+    """Refuse what is no file of bytes: FileNotFoundError, or OSError for a folder, a device, a pipe."""
+    if not Path(path).exists():
+        raise FileNotFoundError(f"{path}: no such file")
+    if not Path(path).is_file():
+        kind = "folder" if Path(path).is_dir() else "device or a pipe"
+        raise OSError(f"{path} is a {kind}; a regular file is needed")
 
 
 @functools.cache
@@ -91,37 +75,27 @@ def require_memory(size: float, label: str, remedy: str = "cut it, or use a larg
 
 
 def read_bytes(path: str | Path, head: int | None = None) -> bytes:
-    """A text file as it is stored, or its first ``head`` bytes.
-
-    Raises:
-        FileNotFoundError, OSError: as ``require_regular``; it cannot be read.
-        ValueError: a line above ``LONGEST_LINE``; zero bytes; more than fits into memory as cells.
-    """
+    """A text file as it is stored, or its first ``head`` bytes; errors as of ``require_regular``, and ValueError for
+    zero bytes and for more than fits into memory as cells."""
     require_regular(path)
     require_memory(CELLS * min(Path(path).stat().st_size, head or math.inf), f"{path} as cells of text")
     with Path(path).open("rb") as file:
         raw = file.read(-1 if head is None else head)
     if b"\0" in raw:
         raise ValueError(f"{path} holds zero bytes: it is no text file (UTF-8 or latin-1)")
-    for begin in range(0, len(raw) - LONGEST_LINE, LONGEST_LINE):
-        part = raw[begin : begin + LONGEST_LINE]
-        if b"\n" not in part and b"\r" not in part:
-            raise ValueError(f"{path} has a line of more than {LONGEST_LINE} bytes; it is no table of text")
     return raw
 
 
 def read_text(path: Path) -> str:
     """A UTF-8 file; errors as ``read_bytes``, and ValueError where it is not UTF-8."""
     try:
-        return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not UTF-8 text: {error}; save it as UTF-8") from error
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """The content of a TOML text; ValueError where it is none, is nested too deep, or longer than ``LONGEST_TOML``."""
-    if len(text) > LONGEST_TOML:
-        raise ValueError(f"{path} has {len(text)} letters; a TOML file of ours has {LONGEST_TOML} at most")
+    """The content of a TOML text; ValueError where it is none, or nested too deep."""
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -135,15 +109,11 @@ def preset_names(package: str) -> list[str]:
 
 
 def preset_text(package: str, name: str, kind: str, endings: str) -> str:
-    """The TOML text of a preset of a package; ValueError if there is none, with the nearest.
-
-    ``kind`` and ``endings`` say in the message what it is and how a user's own files end.
-    """
+    """The TOML text of a preset; ValueError if there is none, which says what ``kind`` of thing it is and how a user's
+    own files end."""
     if name not in (known := preset_names(package)):
-        raise ValueError(
-            f"unknown {kind} {name!r}{did_you_mean(name, known)}; presets are {', '.join(known)}; "
-            f"a file of your own ends in {endings}"
-        )
+        near = did_you_mean(name, known)
+        raise ValueError(f"unknown {kind} {name!r}{near}; presets: {', '.join(known)}; your own files end in {endings}")
     return (resources.files(package) / "presets" / f"{name}.toml").read_text(encoding="utf-8")
 
 
@@ -180,34 +150,20 @@ class FluidTable(Strict):
 
 def one_of(*known: str) -> AfterValidator:
     """That a key is one of some names, for ``Annotated[str, ...]``."""
-
-    def check(value: str) -> str:
-        if value not in known:
-            *others, last = map(repr, known)
-            raise ValueError(f"input should be {', '.join(others)} or {last}")
-        return value
-
-    return AfterValidator(check)
+    return AfterValidator(lambda value: require_choice("name", value, known))
 
 
 Table = TypeVar("Table", bound=Strict)
 
 
 def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables: Mapping[str, type[Strict]]) -> Table:
-    """Content checked against a model.
-
-    Args:
-        model: keys and their ranges.  content: of the file.  path: for messages.
-        tables: models of its tables by name, whose keys are suggested for a slip inside them.
-    Raises:
-        ValueError: mistakes, all of them listed, each mistyped key with the nearest valid one.
-    """
+    """Content checked against a model; ValueError with all mistakes, each mistyped key with the nearest of its table
+    (``tables``: models by name)."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        found = error.errors()
-        mistakes = [_explain(mistake, model, tables) for mistake in found[:MISTAKES]]
-        raise ValueError(f"{path} has {len(found)} mistake(s):\n  " + "\n  ".join(mistakes)) from None
+        mistakes = [_explain(mistake, model, tables) for mistake in error.errors()]
+        raise ValueError(f"{path} has {len(mistakes)} mistake(s):\n  " + "\n  ".join(mistakes)) from None
 
 
 def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict]]) -> str:
@@ -220,6 +176,4 @@ def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict
         return f"{place}: missing"
     if kind == "list_type" and isinstance(mistake["input"], Mapping):
         return f"{place}: write [[{place}]], with two brackets, for each of its tables"
-    message = mistake["msg"].removeprefix("Value error, ")
-    message = message.replace("a valid dictionary or object to extract fields from", "a table")
-    return f"{place} = {reprlib.repr(mistake['input'])}: {message[0].lower()}{message[1:]}"
+    return f"{place} = {reprlib.repr(mistake['input'])}: {mistake['msg'].removeprefix('Value error, ')}"

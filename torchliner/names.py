@@ -14,7 +14,6 @@ from typing import Any
 __version__ = "0.1.0"
 
 MOST_FREQUENCIES = 10_000  # of one range: more is a slip of the step
-MOST_DIGITS = 17  # that tell two float64 apart
 
 # An eduction.
 DRIVES = ("instantaneous", "rms", "running-rms")
@@ -127,21 +126,12 @@ def frequencies(text: str) -> list[float]:
 
 
 def unique_names(paths: Iterable[str | Path]) -> list[str]:
-    """Stems of files, with as many folders before all of them as tell them apart; else whole paths."""
+    """Stems of files; whole paths where two are the same."""
     every = [Path(path) for path in paths]
-    for depth in range(1, max(len(path.parts) for path in every)):
-        found = ["_".join([*path.parts[:-1], path.stem][-depth:]) for path in every]
-        if len(set(found)) == len(found):
-            return found
-    return [re.sub(r"[\W]+", "_", str(path)).strip("_") for path in every]
+    stems = [path.stem for path in every]
+    return stems if len(set(stems)) == len(stems) else [re.sub(r"\W+", "_", str(path)).strip("_") for path in every]
 
 
 def frequency_ends(frequencies: Sequence[float]) -> list[str]:
-    """Endings ``_1400Hz`` of file names, with as many digits (six or more) as tell them apart; none for one."""
-    if len(frequencies) == 1:
-        return [""]
-    for digits in range(6, MOST_DIGITS + 1):
-        found = [f"_{f:.{digits}g}Hz" for f in frequencies]
-        if len(set(found)) == len(set(frequencies)):
-            break
-    return found
+    """Endings ``_1400Hz`` of file names; none for one."""
+    return [""] if len(frequencies) == 1 else [f"_{f:.9g}Hz" for f in frequencies]

@@ -101,23 +101,17 @@ def require_plausible(values: Any, quantity: str, label: str, lines: Sequence[in
 
 
 def parse_tolerance(text: Any, name: str, quantity: str, value: float) -> float:
-    """Half-width of a tolerance, SI, from text such as "0.02 mm", "+-0.02 mm", "2 %".
+    """Half-width of a tolerance, SI, from text such as "0.02 mm", "+-0.02 mm", "2 %" (of ``value``), or a plain number
+    of what has no unit.
 
-    Args:
-        text: a plain number only for what has no unit.
-        name, quantity, value: of the parameter; a key of ``FACTORS``; SI, to which per cent refer.
     Raises:
         ValueError: no unit or a wrong one, not above 0, or per cent of 0.
     """
-    units = {**FACTORS[quantity], "%": abs(value) / 100}
     found = _TEXT.fullmatch(str(text).strip())
-    unit = found[2].strip() if found else ""
-    half_width = float(found[1]) * units.get(unit, 0.0) if found else 0.0
-    if not 0 < half_width < math.inf:
-        allowed = [each or "none" for each in units if each != "1"]
-        example = "0.5" if "" in units else f"0.5 {allowed[0]}"
-        raise ValueError(
-            f"tolerance of {name} is {text!r}{did_you_mean(unit, allowed)}; write a finite half-width above 0 and its "
-            f"unit, one of {', '.join(allowed)} (of {value:g}), as in '{example}'"
-        )
-    return half_width
+    number, unit = (float(found[1]), found[2].strip()) if found else (0.0, "")
+    if found and unit != "%":
+        number *= si_factor(quantity, unit, f"tolerance of {name} {text!r}")
+    width = number * abs(value) / 100 if unit == "%" else number
+    if not 0 < width < math.inf:
+        raise ValueError(f"tolerance of {name} is {text!r}; write a half-width above 0 and its unit, or per cent")
+    return width

@@ -19,7 +19,6 @@ from torchliner.conversions import (
     admittance_from_reflection,
     impedance_from_admittance,
     impedance_from_reflection,
-    mean_impedance,
 )
 from torchliner.engine.intervals import (
     FEWEST_BLOCKS,
@@ -43,8 +42,8 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
         raise ValueError("no station counts: all are flagged ('torchliner ldv info'); flagged='use' takes them")
     drawn, mean = monte_carlo(each[used], counts[used], draws), line.admittance[used].mean(0)
     average = LineAverage(
-        impedance=mean_impedance(line.admittance[used]),
-        monte_carlo=mean_impedance(drawn),
+        impedance=impedance_from_admittance(line.admittance[used].mean(0)),
+        monte_carlo=impedance_from_admittance(drawn.mean(0)),
         monte_carlo_spread=deviation(impedance_from_admittance(drawn)),
         spatial_spread=deviation(line.impedance[used]),
         interval=None,

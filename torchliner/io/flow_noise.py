@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import tell
-from torchliner.tones import transfer_function, window_weights
+from torchliner.engine.tones import transfer_function, window_weights
 
 FEWEST_SEGMENTS = 8  # that tell sound from flow noise
 NO_TONE = 1e-24  # power of a tone over the largest square of its signal

@@ -21,6 +21,7 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell
 from torchliner.conversions import impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.intervals import ITSELF, Conversion
+from torchliner.engine.tones import transfer_from_amplitudes
 from torchliner.liners.plates import cavity_propagation
 from torchliner.names import LOSSES
 from torchliner.pressure.tones import Parts, Tones
@@ -29,7 +30,6 @@ from torchliner.records.case import require_same_run
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
-from torchliner.tones import transfer_from_amplitudes
 
 FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one

@@ -29,8 +29,8 @@ from torchliner.duct.case import other_side
 from torchliner.duct.field import DuctField
 from torchliner.duct.presets import load_duct
 from torchliner.duct.solver import DuctSolver
-from torchliner.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.names import FAR_ENDS, SOURCES, __version__
+from torchliner.pressure.least_squares import Minimum, Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, field_notes, largest_misfit
 from torchliner.records import FieldFit, MicrophoneLine
 from torchliner.records.wall_eduction import fine_places

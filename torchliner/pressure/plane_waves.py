@@ -20,7 +20,7 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell, whole_number
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
 from torchliner.engine.intervals import FROM_REFLECTION
-from torchliner.least_squares import solve_linear
+from torchliner.pressure.least_squares import solve_linear
 from torchliner.pressure.microphone_errors import duct_notes
 from torchliner.pressure.tones import Tones
 from torchliner.pressure.waves import seen_from_source

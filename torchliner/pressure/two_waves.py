@@ -14,8 +14,8 @@ import torch
 from torch import Tensor
 
 from torchliner.duct.dispersion import Duct, carry_wavenumber, duct_of, relation, wavenumber_from_impedance
-from torchliner.least_squares import Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.names import DIRECTIONS
+from torchliner.pressure.least_squares import Problem, System, best_of, least_squares, project, solve_linear
 from torchliner.pressure.microphone_errors import MicrophoneErrors
 from torchliner.pressure.waves import Waves, educe_waves, seen_from_source
 from torchliner.records import MicrophoneLine, WallEduction

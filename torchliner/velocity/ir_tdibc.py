@@ -12,11 +12,11 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive, tell
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
 from torchliner.engine.kernels import AFTER, VelocityGrid, build_kernels, interpolate, kernel_band
+from torchliner.engine.tones import transfer_function
 from torchliner.fluid import Fluid
 from torchliner.liners.model import as_liner, impedance_of
 from torchliner.names import STEP_KERNELS
 from torchliner.records.incident import Incident, Recorded, Tones, as_incident
-from torchliner.tones import transfer_function
 from torchliner.velocity.ir_tdibc_wall import fixed_speed, step_in_time
 
 STEPPED: dict[str, dict[str, Any]] = {  # damping: an error of 0.02 and a gain of 2 with the shipped liners

@@ -24,13 +24,13 @@ from torchliner.checks import SAME_FREQUENCY, index_of_frequency
 from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl
 from torchliner.engine.intervals import ITSELF, jackknife
 from torchliner.engine.moments import Moments
+from torchliner.engine.tones import segment_amplitudes
 from torchliner.fluid import Fluid
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.level_check import UNKNOWN, LevelCheck, level_check_of
 from torchliner.records.notes import Note
-from torchliner.tones import segment_amplitudes
 from torchliner.velocity.averages import Averages
 from torchliner.velocity.choices import Choices
 

@@ -6,8 +6,7 @@ or the voltage of a loudspeaker, which hears no flow.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,26 +19,17 @@ INDISTINCT = 1e-6  # of the determinant of tone and conjugate; 1 over many perio
 
 
 def window_weights(name: Any, samples: int) -> Tensor:
-    """A window of scipy in its periodic form, float64, (samples,).
-
-    Args:
-        name: ``hann`` and so on; one with parameters as text, ``"kaiser,8"``, or as scipy takes it, ``("kaiser", 8)``.
-        samples: N.
-    Raises:
-        TypeError, ValueError: scipy knows no such window, or it needs a parameter.
-    """
-    if name == "boxcar":
-        return torch.ones(samples, dtype=torch.float64)
-    if name == "hann":
-        return torch.hann_window(samples, periodic=True, dtype=torch.float64)
-    if not isinstance(name, str | tuple):
-        raise TypeError(f"window is {type(name).__name__}; it is a name, as 'hann' or 'kaiser,8', to fit any length")
-    from scipy.signal import get_window  # takes half a second or more to import
+    """A window of scipy in its periodic form, float64, (samples,); ``name``: ``hann`` and so on, with parameters as
+    text, ``"kaiser,8"``, or as scipy takes it, ``("kaiser", 8)``. ValueError for one that scipy does not know."""
+    if name in ("boxcar", "hann"):  # without scipy.signal, which takes half a second or more to import
+        plain = torch.ones(samples) if name == "boxcar" else torch.hann_window(samples, dtype=torch.float64)
+        return plain.double()
+    from scipy.signal import get_window
 
     kind, *parameters = name.split(",") if isinstance(name, str) else name
     try:
-        window: Any = (kind, *map(float, parameters)) if parameters else kind
-        return torch.as_tensor(get_window(window, samples, fftbins=True)).double()
+        window: Any = (kind, *map(float, parameters))
+        return torch.as_tensor(get_window(window, samples)).double()
     except (ValueError, TypeError) as error:
         raise ValueError(f"unknown window {name!r}: {error}; any of scipy.signal.get_window will do") from error
 
@@ -97,7 +87,7 @@ def segment_amplitudes(
     segment: float | None = None,
     start: float = 0.0,
 ) -> Tensor:
-    """Complex tone amplitudes of each segment, (S, ..., F), on one clock; see ``tone_amplitudes``.
+    """Complex tone amplitudes, see ``tone_amplitudes``, of each segment, (S, ..., F), on one clock.
 
     Args:
         signal: real, (..., T).  frequency: Hz, (F,).  sampling_rate: Hz.  window: any window of scipy.
@@ -106,16 +96,11 @@ def segment_amplitudes(
     Raises:
         ValueError: no segment fits, or one is too short for a frequency.
     """
-    samples, first = signal.shape[-1], round(start * sampling_rate)
-    if not 0 <= first <= samples - 2:
-        raise ValueError(f"start is {start:g} s; it must lie within the record's {samples / sampling_rate:g} s")
-    longest = samples - first
-    if segment is not None and not 2 <= segment * sampling_rate < longest + 0.5:
-        raise ValueError(
-            f"segment is {segment:g} s; it must be from {2 / sampling_rate:g} to {longest / sampling_rate:g} s, which "
-            f"is 2 to {longest} samples"
-        )
-    length = longest if segment is None else round(segment * sampling_rate)
+    whole = signal.shape[-1] / sampling_rate
+    size = whole - start if segment is None else segment
+    if not (start >= 0 and 2 <= size * sampling_rate < (whole - start) * sampling_rate + 0.5):
+        raise ValueError(f"segment is {size:g} s from {start:g} s on; it must hold 2 samples or more of {whole:g} s")
+    first, length = round(start * sampling_rate), round(size * sampling_rate)
     weights, step = window_weights(window, length), length // 2
     frames = signal[..., first:].unfold(-1, length, step)  # a view, (..., S, n)
     together = max(1, ELEMENTS // (length * max(1, math.prod(signal.shape[:-1]))))
@@ -126,15 +111,9 @@ def segment_amplitudes(
     return (torch.cat(parts, dim=-2) * torch.exp(-1j * turns)).movedim(-2, 0)
 
 
-@dataclass(frozen=True)
-class Transfer:
-    """H1 and how far it can be believed.
-
-    Args:
-        response: H1 = Y/X, complex128, (..., F).
-        coherence: squared, 0 to 1, (..., F); nan from a single segment, where it would always be 1.
-        driver_power: mean of |X|^2 over the segments, (..., F).  segments: S.
-    """
+class Transfer(NamedTuple):
+    """H1 = Y/X, complex128, (..., F), its squared coherence, 0 to 1 (nan from a single segment, where it would always
+    be 1), the mean of |X|^2 over the segments, and their number."""
 
     response: Tensor
     coherence: Tensor
@@ -152,18 +131,10 @@ def transfer_from_amplitudes(driver: Tensor, response: Tensor) -> Transfer:
     return Transfer(across / driving, coherence, driving / len(driver), len(driver))
 
 
-def transfer_function(
-    driver: Tensor, response: Tensor, frequency: Tensor, sampling_rate: float, **cut: Any
-) -> Transfer:
-    """H1 = response/driver of two real signals at the frequencies (F,), Hz.
+def transfer_function(driver: Tensor, response: Tensor, *about: Any, **cut: Any) -> Transfer:
+    """H1 = response/driver of two real signals, (..., T), at the same times; the rest as for ``segment_amplitudes``.
 
     Over segments at their own bins this is scipy's csd(driver, response)/welch(driver); tones come out exactly between
     the bins too.
-
-    Args:
-        driver, response: x and y, (..., T), same times; leading axes broadcast.
-        frequency, sampling_rate, cut: as for ``segment_amplitudes``.
     """
-    return transfer_from_amplitudes(
-        *(segment_amplitudes(x, frequency, sampling_rate, **cut) for x in (driver, response))
-    )
+    return transfer_from_amplitudes(*(segment_amplitudes(x, *about, **cut) for x in (driver, response)))
