@@ -118,6 +118,8 @@ def require_choice(name: str, value: str, choices: Iterable[str]) -> str:
 
 def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
     """An array, list or number as an array; ``missing``: masked real numbers become nan, else they are refused."""
+    if hasattr(value, "iloc") and value.ndim != 1:  # a table, whose rows are often times
+        raise TypeError(f"{name} is a {type(value).__name__}; give .to_numpy(), its axes as documented")
     if isinstance(value, list | tuple) and any(isinstance(each, np.ma.MaskedArray) for each in value):
         value = np.ma.stack(value)
     if not np.ma.is_masked(value):
