@@ -37,7 +37,7 @@ def educe_bursts(
     progress: Callable[[int], None] | None = None,
     **choices: Any,
 ) -> ImpedanceLine:
-    """Impedance along a line of stations of bursts, segment by segment, and its averages.
+    """Impedance along a line of stations of bursts, segment by segment, and its average over the stations that count.
 
     Each station, by itself, is put on a uniform grid and cut into overlapping segments, which are educed as one batch.
     The paper to the letter is ``educe_bursts(stations, liner, frequency, correction="none", window="hann",
@@ -52,8 +52,6 @@ def educe_bursts(
             same data with the same choices.
         progress: called with 1 after each station.
         choices: see ``StationChoices`` and ``Choices``.
-    Returns:
-        The line, with the average (5.2) over the stations that count.
     Raises:
         ValueError, TypeError: data or options that cannot give an answer; the message names the station.
     Warns:
@@ -69,19 +67,20 @@ def educe_bursts(
         raise TypeError(f"stations are {found}; a file or folder of bursts, or BurstRecords, are needed")
     case: dict[str, Any] = {}
     for station in found:
-        record, line = station.read() if isinstance(station, StationSource) else station, None
-        for key in (*CASE, "frequency", "displacement_thickness"):
-            if (own_value := getattr(record, key)) != case.setdefault(key, own_value):
-                raise ValueError(f"{record.name} has {key} {own_value}, others {case[key]}; a line is of one case")
+        line = None
         if parts is not None:
-            part = Path(parts) / f"{_digest(model, record, frequency, own, chosen.describe())}.h5"
+            part = Path(parts) / f"{_digest(model, station, frequency, own, chosen.describe())}.h5"
             with contextlib.suppress(ValueError, OSError):  # not there, or damaged
                 line = read_line(part)
         if line is None:
+            record = station.read() if isinstance(station, StationSource) else station
             line = educe_station(record, model, frequency, own, chosen)
             if parts is not None:
                 part.parent.mkdir(exist_ok=True)
                 write_record(line, part)
+        for key, value in {"tone (Hz)": line.choices["tone"], **{key: getattr(line, key) for key in CASE}}.items():
+            if value != case.setdefault(key, value):
+                raise ValueError(f"{line.names[0]} has {key} {value}, others {case[key]}; a line is of one case")
         lines.append(line)
         if progress is not None:
             progress(1)
@@ -108,13 +107,14 @@ def join_lines(lines: Sequence[ImpedanceLine]) -> ImpedanceLine:
     return dataclasses.replace(lines[0], **joined)
 
 
-def _digest(liner: LinerModel, record: BurstRecord, *more: Any) -> str:
-    """Hash of what a finished station follows from: the name of a liner's table says too little."""
+def _digest(liner: LinerModel, station: Station, *more: Any) -> str:
+    """Hash of what a finished station follows from, unread: the name of a liner's table says too little."""
+    facts = [*vars(station).values()] if isinstance(station, BurstRecord) else [*station.digest()]
     low, high = liner.frequency_range or (300.0, 3500.0)
     speeds = torch.linspace(0, min(20.0, liner.speed_max or 20.0), 41, dtype=torch.float64)
     response = reflection_of(liner, torch.linspace(float(low), float(high), 9, dtype=torch.float64)[:, None], speeds)
     digest = hashlib.sha256(__version__.encode())
-    for fact in [response.detach(), liner.describe(), *more, *vars(record).values()]:
+    for fact in [response.detach(), liner.describe(), *more, *facts]:
         digest.update(fact.numpy().tobytes() if isinstance(fact, Tensor) else repr(fact).encode())
     return digest.hexdigest()[:32]
 

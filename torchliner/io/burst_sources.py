@@ -18,6 +18,7 @@ from torchliner.io.hdf5 import open_file
 from torchliner.io.own_file import groups_of, read_row, require_schema, taken
 from torchliner.records import BurstRecord
 from torchliner.records.declared import table_of
+from torchliner.records.origin import input_file
 from torchliner.text_columns import header_line, read_lines, read_stated
 
 SUFFIXES = (".txt", ".csv", ".dat", ".asc", ".tsv", ".h5", ".nc", "")
@@ -38,6 +39,10 @@ class StationSource(NamedTuple):
     def name(self) -> str:
         """How messages call it."""
         return str(self.path) if self.number is None else f"{self.path}, station {self.number}"
+
+    def digest(self) -> tuple[Any, ...]:
+        """Hash of the file, and how it is read."""
+        return (input_file("", self.path)["hash"], self.number, self.reader.args[1:], self.reader.keywords)
 
     def read(self) -> BurstRecord:
         """The bursts; errors are those of the readers of the formats."""
