@@ -61,7 +61,7 @@ def test_selection():
             line.select(wrong)
     with pytest.raises(ValueError, match="1 microphones lie over the liner, 20 to 30 mm"):
         line_of(liner_start=0.02, liner_end=0.03).over_liner()
-    for margin in (-5e-3, math.nan, math.inf):  # below 0 it would take in microphones beside the liner
+    for margin in (-5e-3, math.nan):  # below 0 it would take in microphones beside the liner
         with pytest.raises(ValueError, match="margin is"):
             line_of().over_liner(margin)
 
@@ -69,9 +69,9 @@ def test_selection():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"x": [0.0]}, "x has 1 microphones"),
-        ({"x": [0.0, 0.0, 0.01]}, "0 mm is not below the next"),
-        ({"x": [0.0, math.nan, 0.01]}, "x holds values that are not finite"),
+        ({"x": [0.0], "pressure": np.array([1 + 0j])}, "x is [0.0] m; two or more"),
+        ({"x": [0.0, 0.0, 0.01]}, "x is [0.0, 0.0, 0.01] m; two or more"),
+        ({"x": [0.0, math.nan, 0.01]}, "x is nan m at 1"),
         ({"pressure": np.ones((2, 1)) + 0j}, "pressure has shape (2, 1); (draws, 3 microphone, 1 frequency)"),
         ({"pressure": np.array([1, 0, 1j])}, "pressure is 0 Pa at 1, 0"),
         ({"pressure": np.array([1, 1e200, 1j])}, "pressure is 1e+200 Pa at 1, 0 and 0 more; (0, 1.5e5] Pa"),
@@ -94,32 +94,15 @@ def test_records_are_checked(change, words):
 def test_levels_are_no_pressures():
     with pytest.raises(TypeError, match=r"complex amplitudes in Pa are needed\. For SPL in dB and"):
         MicrophoneLine([0.0, 0.1], np.array([130.0, 125.0]), 1000.0, duct_height=0.05)
-    line = line_of()
     about = {"duct_height": 0.05, "name": "b2a.csv"}
-    with pytest.warns(tl.DataWarning, match=r"b2a.csv: the highest level is 2 dB; are these pasc"):
-        found = MicrophoneLine.from_levels(line.x, line.pressure.abs(), line.phase, line.frequency, **about)
-    assert "are these pascals" in found.notes[0]
-    with pytest.warns(tl.DataWarning, match=r"no phase is beyond 2\.79, .* 208 degrees; are these radians"):
-        MicrophoneLine.from_levels(line.x, line.level, torch.deg2rad(line.phase), line.frequency, **about)
     for level, phase, words in (
-        ([1e5, 1.0], [0.0, 0.0], "a level is 100000 dB"),
-        ([90.0, 0.0], [0.0, 0.0], "a level is 0 dB; .*within 1 and 194 dB"),
+        ([2.0, 1.0], [0.0, 0.0], r"b2a.csv: levels are 1 to 2 dB.* are these pascals\?"),
+        ([1e5, 1.0], [0.0, 0.0], "levels are 1 to 100000 dB"),
+        ([90.0, 0.0], [0.0, 0.0], "levels are 0 to 90 dB; .* 1 to 194 dB"),
         ([90.0, 80.0], [0.0], r"level has shape \(2,\), phase \(1,\)"),
     ):
         with pytest.raises(ValueError, match=words):
             MicrophoneLine.from_levels([0, 1], level, phase, 900.0, **about)
-
-
-@pytest.mark.parametrize("reflection", [0.0, 0.95j])
-@pytest.mark.parametrize("hertz", [(1450.0,), (500.0, 9000.0)])
-def test_degrees_are_not_doubted(hertz, reflection):
-    x = torch.tensor(PLACES, dtype=torch.float64)[:, None]
-    k = 2 * math.pi * torch.tensor(hertz, dtype=torch.float64) / 343.2
-    p = torch.exp(-1j * k / 1.3 * x) + reflection * torch.exp(1j * k / 0.7 * x)
-    level, phase = 120 + 20 * p.abs().log10(), torch.rad2deg(p.angle()) + 40
-    for phases in (phase, torch.as_tensor(np.unwrap(phase.numpy(), axis=0, period=360))):
-        found = MicrophoneLine.from_levels(x[:, 0], level, phases, hertz, duct_height=0.05)
-        assert found.notes == ()
 
 
 CSV = """# duct_height = 50 mm

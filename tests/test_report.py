@@ -250,7 +250,7 @@ def test_plots_go_into_given_axes_at_a_given_frequency(tmp_path):
     (curve, *_) = one.get_lines()
     assert curve.get_ydata() == pytest.approx(at("line").resistance[:, 1].numpy())
     for words, message in (
-        ({"frequency": 1200.0}, r"frequency is 1200 Hz; the record has 1400, 1000 Hz"),
+        ({"frequency": 1200.0}, r"frequency is 1200 Hz; the record has \[1400.0, 1000.0\] Hz"),
         ({"ax": matplotlib.figure.Figure().subplots(1, 3)}, r"3 axes are given; 2 panels need 2, or one"),
         ({"path": tmp_path / "m.png", "ax": one}, r"m.png: give a path or axes"),
     ):

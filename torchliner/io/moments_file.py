@@ -19,7 +19,8 @@ from torchliner.io.own_writer import fill, new_file, write_row
 from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.records.declared import Variable, require_shapes, table_of, variables_of
+from torchliner.records.checked import require_shapes
+from torchliner.records.declared import Variable, table_of, variables_of
 from torchliner.records.notes import Note
 
 STEM = "torchliner moments "

@@ -22,7 +22,8 @@ from torchliner.io.own_writer import FLUID_UNITS, REFERENCES, dims_of
 from torchliner.io.variables import Field, coordinate, references_of
 from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances
 from torchliner.records.case import Case
-from torchliner.records.declared import WHOLE, Part, Variable, facts_of, flat, parts_of, require_shapes, variables_of
+from torchliner.records.checked import require_shapes
+from torchliner.records.declared import WHOLE, Part, Variable, facts_of, flat, parts_of, variables_of
 from torchliner.records.wall_eduction import DrawnImpedance
 from torchliner.units import SI_QUANTITY, require_plausible
 

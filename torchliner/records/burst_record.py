@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from torchliner.records.case import OfOneTone, signal_tensor
-from torchliner.records.declared import ANY, check, record, table_of, var
+from torchliner.records.case import OfOneTone
+from torchliner.records.checked import check
+from torchliner.records.declared import ANY, record, table_of, var
 from torchliner.records.outlets import Written
 
 AWAY = "away from the liner"  # the sign of velocities
 COMPONENTS = ("wall_normal", "streamwise")
-V = "velocity"  # of their names in files
 
 
 @record
@@ -32,10 +32,14 @@ class BurstRecord(Written, OfOneTone):
         TypeError, ValueError: an array, a length or a value that no record has.
     """
 
-    arrival_time: Any = var("burst", unit="s", range=ANY, text="arrival of the particle")
-    wall_normal: Any = var("burst", unit="m/s", range=ANY, name=f"wall_normal_{V}", default=None, positive=AWAY)
-    streamwise: Any = var("burst", unit="m/s", range=ANY, name=f"streamwise_{V}", text="downstream", default=None)
-    transit_time: Any = var("burst", unit="s", range="[0, inf)", text="weight against velocity bias", default=None)
+    arrival_time: Any = var("burst", unit="s", kind="places", text="arrival of the particle")
+    wall_normal: Any = var("burst", unit="m/s", name="wall_normal_velocity", kind="places", positive=AWAY, default=None)
+    streamwise: Any = var(
+        "burst", unit="m/s", name="streamwise_velocity", kind="places", text="downstream", default=None
+    )
+    transit_time: Any = var(
+        "burst", unit="s", range="[0, inf)", kind="places", text="weight against velocity bias", default=None
+    )
     _: KW_ONLY
     x: float | None = var(unit="m", range=ANY, text="streamwise coordinate of the station", default=None)
     y: float | None = var(unit="m", range=ANY, text="its distance from the liner", default=None)
@@ -50,16 +54,9 @@ class BurstRecord(Written, OfOneTone):
     def __post_init__(self) -> None:
         if self.wall_normal is None and self.streamwise is None:
             raise ValueError(f"{self.name}: no velocity; give wall_normal, streamwise or both")
-        for label, unit in UNITS.items():
-            value = getattr(self, label)
-            if value is not None or label == "arrival_time":
-                tensor = signal_tensor(value, label, self.name, unit).to(torch.float64)
-                if tensor.ndim != 1 or len(tensor) == 0:
-                    raise ValueError(
-                        f"{self.name}: {label} has shape {tuple(tensor.shape)}; a list of at least one burst is needed"
-                    )
-                object.__setattr__(self, label, tensor)
         check(self)
+        if not self.bursts:
+            raise ValueError(f"{self.name}: arrival_time is empty; at least one burst is needed")
 
     @property
     def bursts(self) -> int:

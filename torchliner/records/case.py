@@ -7,21 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, field
 from typing import Any, ClassVar
 
-import numpy as np
-import torch
 from torch import Tensor
 
-from torchliner.checks import plain_array, real_tensor, require_positive
+from torchliner.checks import require_positive
 from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
-from torchliner.records.declared import ANY, check, part, record, var
+from torchliner.records.checked import check
+from torchliner.records.declared import ANY, part, record, var
 from torchliner.records.level_check import UNKNOWN, LevelCheck
 from torchliner.records.notes import Note
-from torchliner.units import require_plausible
 
 LOUDEST = 194.0  # dB: one atmosphere rms
-QUIETEST = -126.0  # dB: its last digit in double precision
-LEVELS = f"[{QUIETEST:g}, {LOUDEST:g}]"
+LEVELS = f"[-126, {LOUDEST:g}]"  # from its last digit in double precision
 SAME_PLACE = 1e-6  # m
 STATED = ("liner", "mach", "incident_level", "source_side")  # the same at all heights above one liner
 OF_ONE_PLANE = (*STATED, "height", "frequency")
@@ -77,9 +74,6 @@ class OfOneTone(Case):
 class AtProbes(OfOneTone):
     """Uniform samples at probes, and the coordinates of these.
 
-    ``samples`` is T, ``probe_shape`` the shape of the probe axes, (z, x), (probe,) or (), ``probes`` their number, 1
-    without axes.
-
     Args:
         sampling_rate: Hz.
     """
@@ -87,32 +81,46 @@ class AtProbes(OfOneTone):
     _: KW_ONLY
     sampling_rate: float
     start: float = var(unit="s", text="time of the first sample", range=ANY, default=0.0)
-    x: Any = var("columns", unit="m", default=None, text="streamwise coordinate, of each column or probe")
-    z: Any = var("rows", unit="m", text="spanwise coordinate, of each row or probe", default=None)
-
-    samples: int = field(init=False)
-    probe_shape: tuple[int, ...] = field(init=False)
-    probes: int = field(init=False)
+    x: Any = var("columns", unit="m", kind="places", default=None, text="streamwise, columns or probes")
+    z: Any = var("rows", unit="m", kind="places", default=None, text="spanwise, of rows or probes")
 
     UNSAID: ClassVar = ("sampling_rate", "start", "name")  # in its file: times and the file's name
 
-    def _check(self, signal: Any) -> None:
-        """Shapes from one of the signals, coordinates as tensors; refuse what no such record has."""
-        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
-        shape = tuple(signal.shape[:-1])
-        known = {"samples": int(signal.shape[-1]), "probe_shape": shape, "probes": math.prod(shape)}
-        for label, found in known.items():
-            object.__setattr__(self, label, found)
-        for label in ("x", "z"):
-            if (value := getattr(self, label)) is not None:
-                values = finite_places(value, label, self.name)
-                wanted = self.probes if len(shape) < 2 else shape[-1] if label == "x" else shape[0]
-                if len(values) != wanted:
-                    raise ValueError(
-                        f"{self.name}: {label} has {len(values)} values; probes of shape {shape} need {wanted}"
-                    )
-                object.__setattr__(self, label, values)
+    def __post_init__(self) -> None:
         check(self)
+        shape = self._shape
+        require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
+        if not 0 < len(shape) <= 3 or 0 in shape:
+            raise ValueError(
+                f"{self.name}: a signal has shape {tuple(shape)}; it needs at least one probe and one sample, time "
+                "last, with probe axes (z, x), (x) or (probe): flatten others to (probe) and give x and z per probe"
+            )
+        for label, along in {"x": -1, "z": 0}.items():
+            wanted = shape[:-1][along] if len(shape) == 3 else self.probes
+            if (value := getattr(self, label)) is not None and len(value) != wanted:
+                raise ValueError(
+                    f"{self.name}: {label} has {len(value)} values; probes of shape {self.probe_shape} need {wanted}"
+                )
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        """Of its signals, time last."""
+        raise NotImplementedError
+
+    @property
+    def samples(self) -> int:
+        """T."""
+        return self._shape[-1]
+
+    @property
+    def probe_shape(self) -> tuple[int, ...]:
+        """(z, x), (probe,) or ()."""
+        return self._shape[:-1]
+
+    @property
+    def probes(self) -> int:
+        """Their number, 1 without axes."""
+        return math.prod(self._shape[:-1])
 
     @property
     def duration(self) -> float:
@@ -133,6 +141,13 @@ class AtProbes(OfOneTone):
             x = None if x is None else x.repeat(rows)
             z = None if z is None else z.repeat_interleave(columns)
         return x, z
+
+
+def probe_axes(shape: tuple[int, ...], line: bool = False) -> dict[str, tuple[str, ...]]:
+    """Dimensions of probes: z and x of a surface, else ``probe``, or x along a ``line``; none of a single probe."""
+    if len(shape) == 2:
+        return {"probes": ("z", "x"), "columns": ("x",), "rows": ("z",)}
+    return dict.fromkeys(("probes", "columns", "rows"), () if not shape else ("x",) if line else ("probe",))
 
 
 @record
@@ -194,10 +209,8 @@ def require_same_probes(first: Any, other: Any) -> None:
         raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and {other.probe_shape}")
     for name in ("x", "z"):
         mine, theirs = getattr(first, name), getattr(other, name)
-        if (mine is None) != (theirs is None):
-            raise ValueError(f"{both}: one of them states no {name}")
-        if mine is not None and (off := float((mine - theirs).abs().max())) > SAME_PLACE:
-            raise ValueError(f"{both}: their probes are apart in {name} by up to {1e3 * off:.4g} mm")
+        if (mine is None) != (theirs is None) or (mine is not None and float((mine - theirs).abs().max()) > SAME_PLACE):
+            raise ValueError(f"{both}: their probes are apart in {name}")
     require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 
 
@@ -218,61 +231,3 @@ def planes_by_height(planes: Sequence[Any]) -> list[Any]:
             raise ValueError(f"{before.name} and {plane.name} are both at {1e3 * plane.height:g} mm; give one another")
         require_same_case(ordered[0], plane, STATED, "give the heights of one case")
     return ordered
-
-
-# Tensors of records
-
-
-def probe_axes(shape: tuple[int, ...], line: bool = False) -> dict[str, tuple[str, ...]]:
-    """Dimensions of probes: z and x of a surface, else ``probe``, or x along a ``line``; none of a single probe."""
-    if len(shape) == 2:
-        return {"probes": ("z", "x"), "columns": ("x",), "rows": ("z",)}
-    return dict.fromkeys(("probes", "columns", "rows"), () if not shape else ("x",) if line else ("probe",))
-
-
-def signal_tensor(value: Any, label: str, name: str, unit: str) -> Tensor:
-    """A signal as a tensor, without a copy where possible.
-
-    Args:
-        value: tensor or array, time last; masked values become nan.
-        label, name: of the signal and of its record, for messages.
-        unit: the unit it must be in.
-    Raises:
-        TypeError: not float32 or float64; an array whose axes have names.
-    """
-    if not isinstance(value, Tensor):
-        _require_plain(value, f"{name}: {label}", unit)
-        array = plain_array(value, f"{name}: {label}", missing=True)
-        array = array.astype(array.dtype.newbyteorder("="), copy=False)
-        if array.dtype not in (np.float32, np.float64):
-            raise TypeError(f"{name}: {label} is {array.dtype}; floating-point {unit}, float32 or float64, are needed")
-        # torch knows no negative strides; only such an array is copied.
-        value = torch.as_tensor(array.copy() if any(stride < 0 for stride in array.strides) else array)
-    if value.dtype not in (torch.float32, torch.float64) or value.layout != torch.strided or value.is_meta:
-        kind = "meta" if value.is_meta else f"{value.dtype}, {value.layout}"
-        raise TypeError(f"{name}: {label} is {kind}; a dense tensor of float32 or float64 in {unit} is needed")
-    return value
-
-
-def finite_places(value: Any, label: str, name: str) -> Tensor:
-    """Coordinates as float64, (N,), a copy: the caller may fill his array again.
-
-    Raises:
-        TypeError: not real numbers; an array whose axes have names.
-        ValueError: values that are not finite, masked, or beyond any duct.
-    """
-    _require_plain(value, f"{name}: {label}", "m")
-    values = real_tensor(value, name=f"{name}: {label}").cpu().reshape(-1).clone()
-    if not bool(torch.isfinite(values).all()):
-        raise ValueError(f"{name}: {label} holds values that are not finite")
-    require_plausible(values.numpy(), "length", f"{name}: {label}")
-    return values
-
-
-def _require_plain(value: Any, label: str, unit: str) -> None:
-    """Refuse an array whose axes, sign and unit are said beside its numbers, where they would go by unseen."""
-    if hasattr(value, "dims") or hasattr(value, "dimensions"):
-        raise TypeError(
-            f"{label} is a {type(value).__name__} whose axes have names; read a plane by VelocityPlane.from_xarray, or "
-            f"give its plain values, time last, in {unit}"
-        )

@@ -5,18 +5,14 @@ from __future__ import annotations
 import dataclasses
 import functools
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, replace
 from itertools import takewhile
 from typing import Any, TypeVar, dataclass_transform
 
-import torch
-
-from torchliner.checks import make_plain, require_choice, require_complex
-
-SEVERAL = ("probes", "columns", "rows", "draws", "facesheet", "backplate", "places")  # for several axes or none
-OF_TWO = {"part": (2,), "with_part": (2,)}  # dimensions of real and imaginary part
 ANY = "(-inf, inf)"  # the range of what is finite
+# What users give, unless another is declared: signals (Pa, m/s), whose squares are summed; places (m) and times (s).
+RANGES = {"signal": "[-1e9, 1e9]", "places": "[-1e5, 1e5]"}
 Kind = TypeVar("Kind", bound=type)
 
 
@@ -27,9 +23,10 @@ class Variable:
     Args:
         field: of the record.
         unit: SI, of record and file; the reader converts other units of the same quantity.
-        dims: names of the axes, () for one number. "time", last in records, is first in files; those of ``SEVERAL``
-            stand for what the ``axes`` of the record say.
-        kind: real, flag (0 and 1 in the file), text or complex (two variables, ``_real`` and ``_imaginary``).
+        dims: names of the axes, () for one number. "time", last in records, is first in files; those of
+            ``checked.SEVERAL`` stand for what the ``axes`` of the record say.
+        kind: real, flag (0 and 1 in the file), text or complex (two variables, ``_real`` and ``_imaginary``); what
+            users give and ``checked.check`` makes a tensor of is a signal or places.
         text: what it is.
         name: of the variable; default that of the field. An impedance has "{}" where the names of its two variables
             have resistance and reactance.
@@ -90,8 +87,7 @@ class Part:
     def part(self, own: Part, key: str = "") -> Part:
         """A record within the inner one; of several by names that of a key. As measured, averaging ``admittance``, it
         needs none."""
-        text = " ".join(filter(None, (own.text, self.text)))
-        stem = self.stem + own.stem
+        stem, text = self.stem + own.stem, " ".join(filter(None, (own.text, self.text)))
         if key not in ("", "admittance"):
             stem, text = f"{key.replace('-', '_')}_{stem}", f"{text}, averaging {key}"
         return Part(stem, self.dims + own.dims, text, own.by)
@@ -112,6 +108,7 @@ def var(
     **attributes: str,
 ) -> Any:
     """A field of a record with what its file says of it; see ``Variable``."""
+    range = range or RANGES.get(kind, "")
     about = Variable("", unit, dims, kind, text, name, default is not MISSING, wide, range, attributes)
     return field(default=default, metadata={"variable": about})
 
@@ -136,7 +133,7 @@ def record(cls: Kind) -> Kind:
 def _words(row: Variable) -> str:
     kind = "normalised impedance" if "{}" in row.name else {"flag": "bool", "complex": "complex"}.get(row.kind, "")
     axes = f"({', '.join(row.dims)})" if row.dims else ""
-    values = f"within {row.range}" if row.range not in ("", ANY) else ""
+    values = f"within {row.range}" if row.range not in ("", ANY, *RANGES.values()) else ""
     return ", ".join(filter(None, (row.text, kind, "" if row.unit == "1" else row.unit, values, axes)))
 
 
@@ -162,8 +159,7 @@ def table_of(kind: type, *names: str) -> tuple[Variable, ...]:
 
 def facts_of(kind: Any) -> list[str]:
     """Fields that are neither variables nor records: attributes of its file."""
-    named = {"variable", "part"}
-    return [each.name for each in dataclasses.fields(kind) if each.init and not named & {*each.metadata}]
+    return [each.name for each in dataclasses.fields(kind) if each.init and not {"variable", "part"} & {*each.metadata}]
 
 
 def flat(record: Any, part: Part = WHOLE, *, derived: bool = True) -> Iterator[tuple[Variable, Any]]:
@@ -172,79 +168,10 @@ def flat(record: Any, part: Part = WHOLE, *, derived: bool = True) -> Iterator[t
         if (value := getattr(record, row.field)) is not None:
             yield part.row(row), value
     for name, own in parts_of(type(record)).items():
-        value = getattr(record, name)
+        value, several = getattr(record, name), {"": getattr(record, name)}
+        if own.by == "groups" or value is None:
+            continue
         if own.by == "averagings":
-            several = [*value.values()]
-            yield from flat(type(several[0]).stacked(several), part.part(own), derived=derived)
-        elif own.by == "names":
-            for key, one in value.items():
-                yield from flat(one, part.part(own, key), derived=derived)
-        elif own.by == "" and value is not None:
-            yield from flat(value, part.part(own), derived=derived)
-
-
-def check(record: Any, *, tensors: bool = False) -> None:
-    """Make the numbers of a record plain, and refuse values beyond their ranges and shapes that disagree.
-
-    Args:
-        record: with a ``name``, for messages.
-        tensors: leave scalar tensors, through which derivatives may pass.
-    Raises:
-        TypeError: another kind of value.
-        ValueError: field, value, place and range are named; a text that is none of the ``choices`` of its field.
-    """
-    make_plain(record, tensors=tensors)
-    for each in dataclasses.fields(record):
-        if "choices" in each.metadata:
-            require_choice(f"{record.name}: {each.name}", getattr(record, each.name), each.metadata["choices"])
-    there = [(row, value) for row in variables_of(type(record)) if (value := getattr(record, row.field)) is not None]
-    for row, value in there:
-        if not row.range:
-            continue
-        low, high = (float(end) for end in row.range[1:-1].split(","))
-        values = torch.as_tensor(value).detach()
-        values = values.abs() if values.is_complex() else values
-        good = (values >= low if row.range[0] == "[" else values > low) & (
-            values <= high if row.range[-1] == "]" else values < high
-        )
-        if not bool(good.all()):
-            place = tuple((~good).nonzero()[0].tolist())
-            where = f" at {', '.join(map(str, place))} and {int((~good).sum()) - 1} more" if place else ""
-            unit = "" if row.unit == "1" else f" {row.unit}"
-            needed = "finite values are" if row.range == ANY else f"{row.range}{unit} is"
-            text = f" ({row.text})" if row.text else ""
-            number = f"{float(values[place]):g}{unit}{where}"
-            raise ValueError(f"{record.name}: {row.field} is {number}; {needed} needed{text}")
-    require_shapes(there, record.name)
-
-
-def require_shapes(
-    rows: Iterable[tuple[Variable, Any]], name: str, sizes: Mapping[str, tuple[int, ...]] = OF_TWO
-) -> None:
-    """Refuse values whose axes are not those that they say, or are longer than in the values before.
-
-    Args:
-        rows: variables with their values, as of ``flat``.
-        name: for messages.
-        sizes: lengths of dimensions that are known, () for those of no axis.
-    Raises:
-        TypeError: a real tensor where a complex one is meant.
-        ValueError: a shape; what is needed is named.
-    """
-    known = dict(sizes)
-    for row, value in rows:
-        if not row.dims:
-            continue
-        if row.kind == "complex" or "{}" in row.name:
-            require_complex(f"{name}: {row.field}", value)
-        shape = (len(value),) if isinstance(value, tuple | list) else tuple(value.shape)
-        own = sum(dim not in SEVERAL for dim in row.dims)
-        free, at = len(shape) - own, 0
-        fits = free >= 0 and (free == 0 or own < len(row.dims))
-        for dim in row.dims if fits else ():
-            length = shape[at : at + (free if dim in SEVERAL else 1)]
-            at += len(length)
-            fits &= known.setdefault(dim, length) == length
-        if not fits:
-            needed = ", ".join(f"{'x'.join(map(str, known[dim]))} {dim}" if known.get(dim) else dim for dim in row.dims)
-            raise ValueError(f"{name}: {row.field} has shape {shape}; ({needed}) is needed")
+            several = {"": type(next(iter(value.values()))).stacked([*value.values()])}
+        for key, one in (value if own.by == "names" else several).items():
+            yield from flat(one, part.part(own, key), derived=derived)

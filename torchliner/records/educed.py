@@ -12,7 +12,8 @@ from torch import Tensor
 
 from torchliner.checks import index_of_frequency
 from torchliner.conversions import absorption_from_reflection, admittance_from_reflection, impedance_from_reflection
-from torchliner.records.declared import Variable, flat, part, record, require_shapes, var
+from torchliner.records.checked import require_shapes
+from torchliner.records.declared import Variable, flat, part, record, var
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
 

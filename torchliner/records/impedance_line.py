@@ -13,9 +13,10 @@ from torchliner.conversions import (
     spl_from_pressure_amplitude,
 )
 from torchliner.records.case import Found
-from torchliner.records.declared import Variable, flat, part, record, require_shapes, var
+from torchliner.records.checked import require_shapes
+from torchliner.records.declared import Variable, flat, part, record, var
 from torchliner.records.educed import Interval
-from torchliner.records.outlets import DrawnAtFrequency, Result
+from torchliner.records.outlets import Drawn, Result
 
 
 def mean_over_segments(values: Tensor, counts: Tensor) -> Tensor:
@@ -46,7 +47,7 @@ SEGMENT, STATION = ("station", "segment", "frequency"), ("station", "frequency")
 
 
 @record
-class ImpedanceLine(DrawnAtFrequency, Result, Found):
+class ImpedanceLine(Drawn, Result, Found):
     """Impedance of every segment of every station, with averages and all choices.
 
     Impedances are normalised by rho c, exp(+j omega t), v into the liner. N stations, S segments at most, F

@@ -16,13 +16,13 @@ from torchliner.records.case import Found, probe_axes
 from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.educed import Averaged, Educed, PointImpedances
 from torchliner.records.level_check import LevelCheck, LevelMatched
-from torchliner.records.outlets import DrawnAtFrequency
+from torchliner.records.outlets import Drawn
 
 FULL = ("probes", "frequency")
 
 
 @record
-class ImpedanceMap(DrawnAtFrequency, Averaged, Found):
+class ImpedanceMap(Drawn, Averaged, Found):
     """Educed impedance of every probe, cell and the whole liner, with all choices that led to it.
 
     All impedances are normalised by rho c, exp(+j omega t), v into the liner. ``probes``, ``cells`` and ``liner`` hold

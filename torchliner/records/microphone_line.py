@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, replace
 from typing import Any, ClassVar
@@ -11,16 +10,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, index_of_frequency, plain_array, plain_number, real_tensor, tell
+from torchliner.checks import frequency_tensor, index_of_frequency, plain_array, plain_number, real_tensor
 from torchliner.conversions import pressure_amplitude_from_spl, spl_from_pressure_amplitude
-from torchliner.records.case import LOUDEST, Case, finite_places
-from torchliner.records.declared import ANY, check, record, var
-from torchliner.records.notes import unit_warnings
+from torchliner.records.case import LOUDEST, Case
+from torchliner.records.checked import check
+from torchliner.records.declared import ANY, record, var
 from torchliner.records.outlets import Reported, Written
-from torchliner.units import require_plausible
 
 EQUAL_SPACING = 5e-3  # of the mean spacing
-QUIETEST = 1.0  # dB, that a microphone measures
+QUIETEST, LOUD = 1.0, 20.0  # dB, that microphones measure; of the loudest in a duct, unlike numbers in pascals
 DRAWN = ("draws", "microphone", "frequency")
 ONE_ATMOSPHERE = "(0, 1.5e5]"  # Pa, of an amplitude: 194 dB; what is no pressure in Pa overflows in sums of squares
 
@@ -39,7 +37,7 @@ class MicrophoneLine(Written, Reported, Case):
         ValueError: fewer than two microphones, places that do not increase, a shape or a value that no line has.
     """
 
-    x: Any = var("microphone", unit="m", text="places along the flow, increasing")
+    x: Any = var("microphone", unit="m", kind="places", text="places along the flow, increasing")
     pressure: Any = var(
         *DRAWN,
         unit="Pa",
@@ -62,29 +60,26 @@ class MicrophoneLine(Written, Reported, Case):
     SCHEMA: ClassVar = "torchliner microphones 1"
 
     def __post_init__(self) -> None:
-        frequency, x, p = frequency_tensor(self.frequency), finite_places(self.x, "x", self.name), self.pressure
+        frequency, p = frequency_tensor(self.frequency), self.pressure
         p = p if isinstance(p, Tensor) else torch.as_tensor(plain_array(p, f"{self.name}: pressure"))
         if not p.is_complex():
             raise TypeError(
                 f"{self.name}: pressure is {p.dtype}; complex amplitudes in Pa are needed. For SPL in dB and phases in "
                 "degrees use MicrophoneLine.from_levels"
             )
-        single = len(frequency) == 1 and p.shape[-1:] == x.shape
-        wall, coherence = self.wall_impedance, self.coherence
-        found = {
-            "frequency": frequency,
-            "x": x,
-            "pressure": p[..., None] if single else p,
-            "wall_impedance": None if wall is None else torch.as_tensor(wall, dtype=torch.complex128),
-            "coherence": None if coherence is None else real_tensor(coherence),
-        }
+        single = len(frequency) == 1 and p.shape[-1:] == (len(self.x),)
+        found = {"frequency": frequency, "pressure": p[..., None] if single else p}
+        if self.wall_impedance is not None:
+            found["wall_impedance"] = torch.as_tensor(self.wall_impedance, dtype=torch.complex128)
+        if self.coherence is not None:
+            found["coherence"] = real_tensor(self.coherence)
         for label, value in found.items():
             object.__setattr__(self, label, value)
-        back = (x.diff() <= 0).nonzero()
-        if len(x) < 2 or len(back):
-            where = f", but {1e3 * float(x[back[0]]):g} mm is not below the next" if len(back) else ""
-            raise ValueError(f"{self.name}: x has {len(x)} microphones{where}; two or more, sorted by x, make a line")
         check(self, tensors=True)
+        if len(self.x) < 2 or bool((self.x.diff() <= 0).any()):
+            raise ValueError(
+                f"{self.name}: x is {self.x.tolist()} m; two or more microphones, sorted by x, make a line"
+            )
         start, end = self.liner_start, self.liner_end
         if (start is None) != (end is None) or (start is not None and end is not None and start >= end):
             raise ValueError(f"{self.name}: liner_start is {start} m and liner_end {end} m; give both, start < end")
@@ -100,26 +95,19 @@ class MicrophoneLine(Written, Reported, Case):
             frequency: Hz.
             about: further fields of the record.
         Raises:
-            ValueError: shapes differ; a level beyond 1 to 194 dB, a phase beyond 1e6 degrees.
-        Warns:
-            DataWarning: levels that look like pascals, phases that look like radians.
+            ValueError: shapes differ; levels that are none of sound in dB.
         """
         levels, phases = real_tensor(level), real_tensor(phase)
         name = about.get("name", "microphones")
         if levels.shape != phases.shape:
             raise ValueError(f"{name}: level has shape {tuple(levels.shape)}, phase {tuple(phases.shape)}")
-        far = levels[(levels > LOUDEST) | (levels < QUIETEST)]
-        if len(far):
+        low, high = float(levels.min()), float(levels.max())
+        if not (low >= QUIETEST and LOUD <= high <= LOUDEST):
             raise ValueError(
-                f"{name}: a level is {float(far[0]):g} dB; SPL in dB re 20 uPa rms within {QUIETEST:g} and "
-                f"{LOUDEST:g} dB is needed"
+                f"{name}: levels are {low:g} to {high:g} dB; SPL in dB re 20 uPa rms, {QUIETEST:g} to {LOUDEST:g} dB, "
+                f"the highest at least {LOUD:g} dB, is needed: are these pascals?"
             )
-        require_plausible(phases.detach().cpu().numpy(), "phase", f"{name}: phase")
-        line = cls(x, torch.polar(pressure_amplitude_from_spl(levels), torch.deg2rad(phases)), frequency, **about)
-        span = float(line.x[-1] - line.x[0])
-        notes = unit_warnings(name, levels, phases, line.frequency / line.fluid.sound_speed, span)
-        tell(notes)
-        return replace(line, notes=line.notes + notes)
+        return cls(x, torch.polar(pressure_amplitude_from_spl(levels), torch.deg2rad(phases)), frequency, **about)
 
     @property
     def axes(self) -> dict[str, tuple[str, ...]]:
@@ -149,21 +137,16 @@ class MicrophoneLine(Written, Reported, Case):
         return torch.rad2deg(self.pressure.angle())
 
     def require_equal_spacing(self, method: str) -> float:
-        """The mean spacing, m, for a method that needs equal ones.
-
-        Raises:
-            ValueError: a microphone is off the even grid by more than 0.5 % of it; the worst one is named.
-        """
+        """The mean spacing, m, for a method that needs equal ones; a ValueError where a microphone is off the even grid
+        by more than 0.5 % of it."""
         number, x = np.arange(self.microphones), self.x.numpy()
         spacing = float(x[-1] - x[0]) / (self.microphones - 1)
         off = x - np.polyval(np.polyfit(number, x, 1), number)
         worst = int(np.abs(off).argmax())
         if abs(off[worst]) > EQUAL_SPACING * spacing:
             raise ValueError(
-                f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = "
-                f"{1e3 * x[worst]:.6g} mm is {1e3 * off[worst]:+.3g} mm off an even grid of "
-                f"{1e3 * spacing:.5g} mm (limit {100 * EQUAL_SPACING:g} % of it); leave microphones out, or use the "
-                "two-wave fit"
+                f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = {1e3 * x[worst]:.6g} mm is "
+                f"{1e3 * off[worst]:+.3g} mm off an even grid of {1e3 * spacing:.5g} mm; use the two-wave fit"
             )
         return spacing
 
@@ -188,13 +171,9 @@ class MicrophoneLine(Written, Reported, Case):
 
     def over_liner(self, margin: float = 0.0) -> MicrophoneLine:
         """The microphones over the liner, at least ``margin`` (m) from its ends; all where the line does not say where
-        its liner is.
-
-        Raises:
-            ValueError: a margin below 0 or not finite; fewer than two microphones are left.
-        """
-        if not 0 <= margin < math.inf:
-            raise ValueError(f"{self.name}: margin is {1e3 * margin:g} mm; it must be finite and at least 0")
+        its liner is. A ValueError where fewer than two are left."""
+        if not margin >= 0:
+            raise ValueError(f"{self.name}: margin is {1e3 * margin:g} mm; it must be at least 0")
         if self.liner_start is None or self.liner_end is None:
             return self
         inside = (self.x >= self.liner_start + margin) & (self.x <= self.liner_end - margin)

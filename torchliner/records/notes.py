@@ -1,17 +1,14 @@
-"""Warnings as objects, and those about units: metres like mm, Hz like kHz, levels like pascals, phases like radians."""
+"""Warnings as objects, and those about units: metres like mm, Hz like kHz, levels like pascals."""
 
 import math
 from dataclasses import dataclass
 from typing import Any
-
-from torch import Tensor
 
 LOWEST_TONE, LOWEST_RATE = 20.0, 500.0  # Hz: below, no liner is tuned
 # m: what a liner's data may span, and lie above it; a boundary layer's displacement.
 LONGEST, HIGHEST, THICKEST = 20.0, 0.05, 0.1
 SAMPLES = 4.0  # of a period: fewer show no velocity
 LIKE_PASCALS = 20.0  # dB, below any duct's sound
-TURN = 0.5  # rad, of a plane wave from end to end: more must show in phases in degrees
 
 
 @dataclass(frozen=True)
@@ -72,26 +69,3 @@ def plane_notes(plane: Any, frequency: float | None, cell_pitch: float | None = 
         )
         notes.append(Note("height", text))
     return notes
-
-
-def unit_warnings(name: str, level: Tensor, phase: Tensor, waves_per_metre: Tensor, length: float) -> tuple[str, ...]:
-    """Why the units of a table may not be what they should be.
-
-    Args:
-        name: of the record.
-        level: dB.  phase: degrees, of the same shape, (..., N, F).
-        waves_per_metre: f/c, 1/m, (F,).
-        length: between the outermost microphones, m.
-    """
-    found, loudest = [], float(level.max())
-    if loudest < LIKE_PASCALS:
-        found.append(
-            f"{name}: the highest level is {loudest:.3g} dB; are these pascals? SPL in dB re 20 uPa rms is needed"
-        )
-    largest, most = float(phase.abs().max()), 2 * math.pi * float(waves_per_metre.max()) * length
-    if largest <= 2 * math.pi and most > TURN:
-        found.append(
-            f"{name}: no phase is beyond {largest:.3g}, while a plane wave turns by {math.degrees(most):.0f} degrees; "
-            "are these radians? Degrees are needed"
-        )
-    return tuple(found)

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, ClassVar
 
+import torch
 from torch import Tensor
 
 from torchliner.checks import index_of_frequency
@@ -31,17 +32,12 @@ class Summarised:
         of: Any = getattr(self, "plane", self)
         fields = {row.dims[0]: getattr(of, row.field) for row in variables_of(type(of)) if len(row.dims) == 1}
         sizes = {dim: each.shape for dim, each in fields.items() if isinstance(each, Tensor) and dim not in UNSAID}
-        if hasattr(of, "probe_shape"):
-            sizes = {"probe": of.probe_shape}
         words = []
-        for dim, shape in sizes.items():
-            count = " x ".join(map(str, shape)) or "1"
-            words.append(f"{count} {dim.removesuffix('s')}{'' if count == '1' else 's'}")
         if hasattr(of, "sampling_rate"):
-            words.append(f"{of.samples} samples at {of.sampling_rate:g} Hz")
-        if isinstance(f := of.frequency, Tensor):
-            several = f"{len(f)} frequencies, {float(f.min()):g} to " if len(f) > 1 else ""
-            words.append(f"{several}{float(f.max()):g} Hz")
+            sizes, words = {"probes": of.probe_shape}, [f"{of.samples} samples at {of.sampling_rate:g} Hz"]
+        words += [f"{' x '.join(map(str, shape)) or '1'} {dim}" for dim, shape in sizes.items()]
+        if of.frequency is not None:
+            words.append(f"{', '.join(f'{f:g}' for f in torch.as_tensor(of.frequency).reshape(-1)[:MOST].tolist())} Hz")
         title = f" {of.title!r}" if getattr(of, "title", "") else ""
         return f"{type(self).__name__}{title}: {', '.join(words)}"
 
@@ -49,24 +45,21 @@ class Summarised:
         """Z at each frequency, with the bounds of its interval, or what is stated."""
         of: Any = getattr(self, "plane", self)
         if (known := self._answer()) is None:
-            named = [(name, getattr(of, name, "")) for name in ("liner", "source_side")]
-            units = {row.field: row.unit.removeprefix("1") for row in variables_of(type(of)) if not row.dims}
-            stated = [(name, getattr(of, name), unit) for name, unit in units.items()]
-            numbers = [(name, f"{float(each):g} {unit}".strip()) for name, each, unit in stated if each is not None]
-            return [fact for fact in (*named, *numbers) if fact[1]]
+            rows = [row for row in variables_of(type(of)) if not row.dims and getattr(of, row.field) is not None]
+            numbers = [(row.field, f"{float(getattr(of, row.field)):g} {row.unit.removeprefix('1')}") for row in rows]
+            return [*((name, text) for name in ("liner", "source_side") if (text := getattr(of, name, ""))), *numbers]
         impedance, interval, level = known
-        texts = [f"Z = {z:.3f}" for z in impedance.tolist()]
-        if interval is not None and level is not None:
-            for i in range(len(texts)):
+        facts = []
+        for i, (f, z) in enumerate(zip(of.frequency.tolist(), impedance.tolist(), strict=True)):
+            text = f"Z = {z:.3f}"
+            if interval is not None and level is not None:
                 low, high = interval.bounds(i)
-                texts[i] += f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}"
-                texts[i] += f", X {low.imag:.3f} to {high.imag:.3f}"
-        return [(f"{f:g} Hz", text) for f, text in zip(of.frequency.tolist(), texts, strict=True)]
+                text += f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}, X {low.imag:.3f} to {high.imag:.3f}"
+            facts.append((f"{f:g} Hz", text))
+        return facts
 
     def __repr__(self) -> str:
-        facts = self._facts()
-        more = f" ({len(facts) - 1} more)" if len(facts) > 1 else ""
-        return "\n  ".join([self._heading(), *(": ".join(fact) + more for fact in facts[:1])])
+        return "\n  ".join([self._heading(), *(": ".join(fact) for fact in self._facts()[:1])])
 
     def _repr_html_(self) -> str:
         """For notebooks: the heading above a table."""
@@ -85,11 +78,7 @@ class Written(Summarised):
 
     def write(self, path: str | Path) -> None:
         """Write one netCDF-4 file (.h5, .hdf5, .nc); a result also as .csv, .vtp, .vtkhdf, .mat or .txt
-        (docs/results.md).
-
-        Raises:
-            ValueError: another ending; what the format cannot hold.
-        """
+        (docs/results.md). A ValueError for another ending, and for what the format cannot hold."""
         resolve(self.FILE)(self, path)
 
 
@@ -99,11 +88,8 @@ class Reported:
     PAGE: ClassVar = "torchliner.report.page:write_report"
 
     def report(self, path: str | Path) -> None:
-        """Write one self-contained HTML page (.html; extra ``report``): answer, warnings, figures, provenance.
-
-        Raises:
-            ValueError: another ending; leading axes, which a page has no place for.
-        """
+        """Write one self-contained HTML page (.html; extra ``report``): answer, warnings, figures, provenance. A
+        ValueError for another ending."""
         resolve(self.PAGE)(self, path)
 
 
@@ -129,38 +115,28 @@ class Result(Written, Reported):
         return resolve("torchliner.io.csv_rows:to_dataframe")(self, of)
 
 
-class Drawn(Written):
+class Drawn:
     """A record with a figure of its own as well, ``PLOT``."""
 
     PLOT: ClassVar[str]
+    frequency: Any
 
-    def plot(self, path: str | Path | None = None, *, ax: Any = None) -> Any:
+    def plot(self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None) -> Any:
         """Draw the record along or over the liner.
 
         Args:
             path: picture to write.
+            frequency: Hz, of a result: resistance and reactance there; default of several: over frequency.
             ax: axes to draw into, one for each panel, or one for the first panel alone; default a new figure.
         Returns:
             The matplotlib figure (extra ``report``), which a notebook shows; the axes, where they were given.
         """
-        return self._draw(path, ax)
-
-    def _draw(self, path: Any, axes: Any, **settings: Any) -> Any:
-        if axes is not None and path is not None:
+        if ax is not None and path is not None:
             raise ValueError(f"{path}: give a path or axes; a figure of axes is yours to save")
-        return resolve(self.PLOT)(self, path=path, axes=axes, **settings)
-
-
-class DrawnAtFrequency(Drawn):
-    """A record with one picture a frequency: panels of resistance and reactance."""
-
-    frequency: Tensor
-
-    def plot(self, path: str | Path | None = None, *, frequency: float | None = None, ax: Any = None) -> Any:
-        """Draw resistance and reactance, as ``Drawn.plot``, at a frequency (Hz); of a map of several, by default, over
-        frequency. A ValueError where the frequency is not among those of the record."""
-        index = None if frequency is None else index_of_frequency(self.frequency, frequency)
-        if frequency is not None and index is None:
-            known = ", ".join(f"{each:g}" for each in self.frequency.tolist())
-            raise ValueError(f"frequency is {frequency:g} Hz; the record has {known} Hz")
-        return self._draw(path, ax, frequency_index=index)
+        chosen = {}
+        if frequency is not None:
+            known = torch.as_tensor(self.frequency).reshape(-1)
+            chosen["frequency_index"] = index_of_frequency(known, frequency)
+            if chosen["frequency_index"] is None:
+                raise ValueError(f"frequency is {frequency:g} Hz; the record has {known.tolist()} Hz")
+        return resolve(self.PLOT)(self, path=path, axes=ax, **chosen)

@@ -9,11 +9,12 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, real_tensor, require_positive, tell
+from torchliner.checks import frequency_tensor, require_positive
 from torchliner.names import resolve
-from torchliner.records.case import AtProbes, signal_tensor
+from torchliner.records.case import AtProbes
+from torchliner.records.checked import signal_tensor
 from torchliner.records.declared import record, var
-from torchliner.records.outlets import Drawn
+from torchliner.records.outlets import Drawn, Written
 from torchliner.records.slabs import Reader
 
 
@@ -27,7 +28,7 @@ class StoredVelocity(Reader, Protocol):
 
 
 @record
-class VelocityPlane(Drawn, AtProbes):
+class VelocityPlane(Drawn, Written, AtProbes):
     """Wall-normal velocity at many probes, uniformly sampled in time.
 
     Args:
@@ -41,7 +42,9 @@ class VelocityPlane(Drawn, AtProbes):
     velocity: Any
     _: KW_ONLY
     height: float | None = var(unit="m", range="(0, inf)", text="distance of the plane from the liner", default=None)
-    area: Any = var("probes", unit="m2", range="[0, inf)", text="area of each probe, in their order", default=None)
+    area: Any = var(
+        "probes", unit="m2", kind="places", range="[0, inf)", text="area of each probe, in their order", default=None
+    )
     streamwise: Any = field(default=None)
     name: str = "velocity"
 
@@ -52,24 +55,19 @@ class VelocityPlane(Drawn, AtProbes):
         for label in ("velocity", "streamwise"):
             value = getattr(self, label)
             if value is not None and (isinstance(value, Tensor) or not isinstance(value, StoredVelocity)):
-                object.__setattr__(self, label, signal_tensor(value, label, self.name, "m/s"))
-        if 0 in self.velocity.shape or not 0 < len(self.velocity.shape) <= 3:
-            raise ValueError(
-                f"{self.name}: velocity has shape {tuple(self.velocity.shape)}; it needs at least one probe and one "
-                "sample, time last, with probe axes (z, x), (x) or (probe): flatten others to (probe) and give x and z "
-                "per probe"
-            )
+                object.__setattr__(self, label, signal_tensor(value, f"{self.name}: {label}"))
         if self.streamwise is not None and self.streamwise.shape != self.velocity.shape:
             raise ValueError(
                 f"{self.name}: streamwise has shape {tuple(self.streamwise.shape)}, velocity "
                 f"{tuple(self.velocity.shape)}; they share probes and times"
             )
-        if self.area is not None:
-            area = real_tensor(self.area, name=f"{self.name}: area").reshape(-1).clone()
-            object.__setattr__(self, "area", area)
-        self._check(self.velocity)
+        super().__post_init__()
         if self.area is not None and len(self.area) != self.probes:
             raise ValueError(f"{self.name}: area has {len(self.area)} values; {self.probes} are needed")
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        return tuple(self.velocity.shape)
 
     @classmethod
     def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
@@ -111,8 +109,8 @@ class VelocityPlane(Drawn, AtProbes):
         return self.velocity.read(begin, end)
 
     def scaled(self, length: float, velocity: float) -> VelocityPlane:
-        """The same flow with lengths and velocities times a factor each; time scales by length/velocity, and
-        incident_level, of the velocities as they were, is left out, with a ``DataWarning``."""
+        """The same flow with lengths and velocities times a factor each; time scales by length/velocity, and the
+        incident level, of the velocities as they were, is left out."""
         require_positive("length scale", length)
         require_positive("velocity scale", velocity)
         loaded, per_time = self.load(), velocity / length
@@ -122,13 +120,7 @@ class VelocityPlane(Drawn, AtProbes):
         scaled = {
             name: each * factor for name, factor in factors.items() if (each := getattr(loaded, name)) is not None
         }
-        level = self.incident_level if velocity == 1 else None
-        if level != self.incident_level:
-            tell(
-                f"{self.name}: incident_level, {self.incident_level:g} dB, is that of the velocities before they were "
-                "scaled and is left out; state incident_level=... of those after"
-            )
-        return replace(loaded, incident_level=level, **scaled)
+        return replace(loaded, incident_level=self.incident_level if velocity == 1 else None, **scaled)
 
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""

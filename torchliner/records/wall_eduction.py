@@ -13,7 +13,8 @@ from torch import Tensor
 
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import resolve
-from torchliner.records.declared import Variable, flat, part, record, require_shapes, var
+from torchliner.records.checked import require_shapes
+from torchliner.records.declared import Variable, flat, part, record, var
 from torchliner.records.microphone_line import DRAWN, MicrophoneLine
 from torchliner.records.notes import Note
 from torchliner.records.outlets import Reported, Written
