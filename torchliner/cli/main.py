@@ -36,8 +36,8 @@ WARNINGS_SHOWN = 3  # without --verbose
 def overview() -> str:
     """Of all commands."""
     parts = ["usage: torchliner COMMAND ...", ABOUT]
-    for title, group in GROUPS.items():
-        parts.append("\n".join([f"{title}:", *(f"  {name:15s}{each.summary}" for name, each in group.items())]))
+    for (_, title), group in GROUPS.items():
+        parts.append("\n".join([f"{title}:", *(f"  {name:15s}{COMMANDS[name].summary}" for name in group)]))
     return "\n\n".join([*parts, EXAMPLES])
 
 

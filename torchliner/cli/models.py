@@ -95,7 +95,7 @@ def liner(options: argparse.Namespace) -> None:
     show(options, answer)
 
 
-def solve(options: argparse.Namespace) -> None:
+def duct_solve(options: argparse.Namespace) -> None:
     """Sound field of a lined duct with flow, SPL at microphones."""
     if options.duct is None:
         show(options, told(f"presets: {', '.join(duct_names())}", duct_names()))
@@ -124,7 +124,7 @@ def solve(options: argparse.Namespace) -> None:
     show(options, setup.line_of(field), write)
 
 
-def modes(options: argparse.Namespace) -> None:
+def duct_modes(options: argparse.Namespace) -> None:
     """Wavenumbers of a lined duct with flow, both directions."""
     setup = _setup(options)
     profile, f = setup.case.profile, setup.frequency

@@ -1,5 +1,6 @@
 """All commands: the function of each, the options that it shares with others, and its own."""
 
+import re
 from pathlib import Path
 
 from torchliner import names
@@ -105,8 +106,6 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
     ),
     "fixed": (choices("drive mean missing allow_short"),),
 }
-
-
 FREE = "parameter to fit and its bounds, SI, or usual ones; 'offset' is both parts. Without, for runs without flow: "
 FREE += "contraction coefficient, with two levels or more the offset, and the law of lost mass that predicts best"
 LAWS = "a model: 'curve', a free curve over |v|; or parameters of the liner's law, with commas between, each with its "
@@ -114,68 +113,76 @@ LAWS += "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; def
 TOLERANCE = 'half-width with its unit, e.g. orifice_diameter="0.02 mm", porosity="2 %", temperature="1 K"; without, '
 TOLERANCE += "the change of Z for 1 % of each parameter"
 METHODS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METHODS.items())
-KT = "pressure.waves:kumaresan_tufts"
+KT, IR = "pressure.waves:kumaresan_tufts", "velocity.ir_tdibc:ir_tdibc"
+BURSTS = "method grid_rate band_limit correction segment overlap window flagged monte_carlo"
+OF_BURSTS = {"method": names.GRID_METHODS, "overlap": NUMBER, "window": names.STATION_WINDOWS}
 
 
-def row(home: str, shared: str = "", *own: Option | Of) -> Command:
-    """A command: module and function, names of shared options, further options."""
-    return Command(home, [*own, *(each for name in shared.split() for each in SHARED[name])])
+def row(shared: str, *own: Option | Of) -> list[Option | Of]:
+    """The options of a command: its own, and shared ones by name."""
+    return [*own, *(each for name in shared.split() for each in SHARED[name])]
 
 
+# By module of this folder; a command's function has its name.
 GROUPS = {
-    "educe an impedance from velocity above the liner": {
+    ("velocity", "educe an impedance from velocity above the liner"): {
         "educe": row(
-            "velocity:educe",
             "planes liner tone map figure strict seen educed",
             Option("--in-situ", "pressure record, whose impedance is added to the results", FILE),
             Option("--wall-pressure", "record or microphones for the level check; default: --in-situ", FILE),
         ),
         "replay": row(
-            "velocity:replay",
             "plane liner incident map figure strict",
             frequency("the tone of the file, or the lines of --incident"),
             output("write the reflected signals", *HDF5, flag="--reflected"),
             Of("velocity.replay:replay", "averaging mean missing interval device dtype"),
             Of("velocity.replay:replay", "kernel levels spacing interpolation velocity_max window segment"),
         ),
-        "ldv info": row("velocity:ldv_info", "bursts rows filters seen case place below"),
-        "ldv convert": row("velocity:ldv_convert", "bursts plane-file seen case place below"),
+        "ldv info": row("bursts rows filters seen case place below"),
+        "ldv convert": row("bursts plane-file seen case place below"),
         "ldv educe": row(
-            "velocity:ldv_educe",
             "bursts liner map figure filters seen case place",
             frequency("the tone", "--educe-at"),
-            Of(
-                "bursts.station:StationChoices",
-                "method grid_rate band_limit correction segment overlap window flagged monte_carlo",
-                "from bursts to segments",
-                {"method": names.GRID_METHODS, "overlap": NUMBER, "window": names.STATION_WINDOWS},
-            ),
+            Of("bursts.station:StationChoices", BURSTS, "from bursts to segments", OF_BURSTS),
             choices("phase drive running_window mean minimum_coherence interval device dtype"),
         ),
-        "audit": row(
-            "studies:audit", "planes liner one-tone rows figure base", Of("studies.audit:audit", "averaging", "choices")
-        ),
+    },
+    ("studies", "vary a choice, a height, a model or its parameters, or fit these"): {
+        "audit": row("planes liner one-tone rows figure base", Of("studies.audit:audit", "averaging", "choices")),
         "height": row(
-            "studies:height",
             "planes liner one-tone rows figure",
             choices("averaging phase drive mean missing allow_short wall_filter"),
         ),
         "compare": row(
-            "studies:compare",
             "rows figure",
             Option("first", "map of torchliner educe", FILE),
             Option("second", "map of the same cells", FILE),
             Of("studies.compare:compare", "averaging"),
         ),
         "compare-models": row(
-            "studies:compare_models",
             "plane tone rows figure educed",
             Option("--liner", "preset, .toml, .csv or .py file; twice or more", NAME, many=True, required=True),
         ),
+        "sensitivity": row(
+            "plane liner tone rows fixed",
+            Option("--averaging", "over cells; default velocity", names.AVERAGINGS, default="velocity"),
+            Option("--tolerance", TOLERANCE, TOLERANCES, many=True),
+            Option("--parameters", "of the liner, e.g. porosity; default: all", TEXT, "+"),
+            Option("--limits", "half-widths are limits, or u; default rectangular", names.LIMITS, None, "rectangular"),
+        ),
+        "calibrate": row(
+            "planes liner law figure fit fixed",
+            Option("--free", FREE, BOUNDS, many=True),
+            Option("--averaging", "over cells; default velocity, without --free phase-locked", names.AVERAGINGS),
+        ),
+        "identify": row(
+            "planes liner tone law figure fit fixed",
+            Option("--free", LAWS, BOUNDS, many=True),
+            Of("studies.calibrate:identify", "averaging rest freedom"),
+        ),
     },
-    "measure an impedance from pressure": {
+    ("models", "measure an impedance from pressure; model a liner or a duct"): {
         "insitu": row(
-            "models:insitu",
             "tone figure",
             Option("record", "pressure record", FILE),
             output("write the rows as .csv, or points, cells and surface,", ".csv", *HDF5),
@@ -185,7 +192,6 @@ GROUPS = {
             choices("allow_short interval"),
         ),
         "kt": row(
-            "models:kt",
             "figure",
             Option("lines", "microphone lines: .csv, .h5 or .nc", FILE, "+"),
             Option("--method", f"{METHODS}; default kt", names.WALL_METHODS, default="kt"),
@@ -200,106 +206,66 @@ GROUPS = {
             Option("--duct", "preset or .toml file, of --method field", NAME, group="--method field", to="chosen"),
             Of("pressure.fit_field:fit_field", "far_end start", "--method field"),
         ),
-    },
-    "model a liner or a duct": {
         "liner": row(
-            "models:liner",
             "figure copy",
             Option("liner", "preset, .toml, .csv or .py file (which is run); without: list the presets", NAME, "?"),
             frequency("500 to 3000 Hz"),
             Option("--speed", "|v|, m/s; default 0 1 3 5", NUMBER, "+", [0.0, 1.0, 3.0, 5.0]),
         ),
         "duct solve": row(
-            "models:solve",
             "duct figure copy",
             Option("duct", "preset or .toml file; without: list the presets", NAME, "?"),
             output("write the microphones, for torchliner kt and report,", ".csv", *HDF5),
             Option("--field", "draw |p| and |v| in the duct there, a picture a frequency", PICTURE),
-            Option(
-                "--mesh",
-                "largest cell, and that at walls, m; default: checked on a finer mesh, to 0.05 dB",
-                NUMBER,
-                "+",
-            ),
+            Option("--mesh", "largest cell, and that at walls, m; default: checked on a finer mesh", NUMBER, "+"),
             Option("--level", "of the incident wave, dB re 20 uPa rms; default: the duct's", NUMBER, to="chosen"),
             Option("--source-side", "of the sound; default: the duct's", names.SOURCES, to="chosen"),
             Option("--end-reflection", "of the far end; default: the duct's", COMPLEX, to="chosen"),
         ),
         "duct modes": row(
-            "models:modes",
             "duct rows",
             Option("duct", "preset or .toml file", NAME),
             Option("--count", "modes in each direction; default 4", COUNT, default=4),
         ),
-        "sensitivity": row(
-            "studies:sensitivity",
-            "plane liner tone rows fixed",
-            Option("--averaging", "over cells; default velocity", names.AVERAGINGS, default="velocity"),
-            Option("--tolerance", TOLERANCE, TOLERANCES, many=True),
-            Option("--parameters", "of the liner, e.g. porosity; default: all", TEXT, "+"),
-            Option("--limits", "half-widths are limits, or u; default rectangular", names.LIMITS, None, "rectangular"),
-        ),
         "ir-tdibc": row(
-            "models:ir_tdibc",
             "incident rows figure",
             Option("liner", "preset, .toml, .csv or .py file", NAME),
             Option("--level", "of the whole incident wave, dB re 20 uPa rms", NUMBER, "+", required=True),
             frequency("none; with --incident its tones, or eight in its band"),
-            Of(
-                "velocity.ir_tdibc:ir_tdibc",
-                "kernel sampling_rate duration velocity_max after",
-                kinds={"kernel": names.STEP_KERNELS},
-            ),
+            Of(IR, "kernel sampling_rate duration velocity_max after", kinds={"kernel": names.STEP_KERNELS}),
         ),
-        "calibrate": row(
-            "studies:calibrate",
-            "planes liner law figure fit fixed",
-            Option("--free", FREE, BOUNDS, many=True),
-            Option("--averaging", "over cells; default velocity, without --free phase-locked", names.AVERAGINGS),
-        ),
-        "identify": row(
-            "studies:identify",
-            "planes liner tone law figure fit fixed",
-            Option("--free", LAWS, BOUNDS, many=True),
-            Of("studies.calibrate:identify", "averaging rest freedom"),
+        "export": row(
+            "",
+            Option("map", "map of torchliner educe, of several frequencies", FILE),
+            Of("records.impedance_map:ImpedanceMap.time_domain", "poles band averaging"),
+            output("write poles and residues, as coefficient lists,", ".json"),
         ),
     },
-    "files": {
-        "info": row("files:info", "plane figure"),
+    ("files", "files of planes"): {
+        "info": row("plane figure"),
         "convert": row(
-            "files:convert",
             "plane plane-file seen case below",
             fact("--height", "above the liner, m"),
             Option("--scale-length", "of lengths, and of times; default 1", NUMBER, default=1.0),
             Option("--scale-velocity", "of velocities, and of rates; default 1", NUMBER, default=1.0),
         ),
         "reduce": row(
-            "files:reduce",
             "plane plane-file tone",
             Option("--liner", "model that the moments are for, and whose cells count; default: any liner", NAME),
             Option("--cell-pitch", "m, without --liner; default: that of the file's preset", NUMBER),
             choices("averaging phase drive running_window mean missing background allow_short device dtype"),
         ),
-        "export": row(
-            "models:export",
-            "",
-            Option("map", "map of torchliner educe, of several frequencies", FILE),
-            Of("records.impedance_map:ImpedanceMap.time_domain", "poles band averaging"),
-            output("write poles and residues, as coefficient lists,", ".json"),
-        ),
+    },
+    ("campaign", "many planes, planes that grow, pages"): {
         "run": row(
-            "campaign:run",
             "",
             Option("campaign", "TOML file of a campaign", FILE),
             Option("--output", "write the results there; default: as the file says, else NAME_results", FOLDER),
             Option("--dry-run", "say what would be done, and write nothing"),
-            Option(
-                "--cluster", "workers: local:N, N processes; tcp://HOST:PORT of a dask scheduler, or its .json", TEXT
-            ),
+            Option("--cluster", "local:N, N processes; tcp://HOST:PORT of a dask scheduler, or its .json", TEXT),
             Option("--wait", "for its scheduler and its first worker, s; default 30", NUMBER),
         ),
         "follow": row(
-            "campaign:follow",
             "liner tone stated",
             Option("plane", "file that grows, or folder that files come into, in the order of names", FILE),
             output("write the moments so far, however it ends,", *HDF5),
@@ -310,11 +276,14 @@ GROUPS = {
             choices("phase interval dtype"),
         ),
         "report": row(
-            "campaign:report",
             "",
             Option("result", "file that another command wrote, or the folder of a campaign", FILE),
             output("write the page", ".html", required=True),
         ),
     },
 }
-COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
+COMMANDS = {
+    name: Command(f"{module}:{re.sub('[ -]', '_', name)}", options)
+    for (module, _), group in GROUPS.items()
+    for name, options in group.items()
+}

@@ -17,6 +17,7 @@ from torchliner.io.whole_file import printable, written_whole
 from torchliner.records import VelocityPlane
 from torchliner.records.velocity_plane import restated
 from torchliner.report.answer import Answer, Picture, answer_of
+from torchliner.report.table import flat_words
 
 Record = VelocityPlane | Moments
 
@@ -33,9 +34,7 @@ def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Rec
         if not holds_moments(path):
             found += read_planes([path], options)
         elif options.reading:
-            raise ValueError(
-                f"{path} holds moments, of which there is no part: leave out {spelled(sorted(options.reading))}"
-            )
+            raise ValueError(f"{path} holds moments, which have no parts: leave out {spelled(sorted(options.reading))}")
         else:
             found.append(tl.read_moments(path))
     if "background" in options.chosen:
@@ -107,17 +106,11 @@ def write_text(text: str, path: Path, *, anew: bool = False) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def show(
-    options: argparse.Namespace,
-    found: Any,
-    write: Callable[[Path], Any] | None = None,
-    **about: Any,
-) -> None:
+def show(options: argparse.Namespace, found: Any, write: Callable[[Path], Any] | None = None, **about: Any) -> None:
     """The rule of every command: write --output, draw --figure, print the answer as text or, with --json, its values.
 
-    Args:
-        found: a result, or its ``Answer``; ``about``: what ``answer_of`` wants to know besides.
-        write: takes the path; default the rows as CSV.
+    ``found`` is a result, with what ``answer_of`` wants to know besides, or an ``Answer``; ``write`` takes the path, by
+    default the rows are written as CSV.
     """
     answer = found if isinstance(found, Answer) else answer_of(found, **about)
     if (path := getattr(options, "output", None)) is not None:
@@ -125,10 +118,10 @@ def show(
     if (path := getattr(options, "figure", None)) is not None:
         (answer.draw if path.suffix else answer.write_pictures)(path)
     options.notes = answer.notes
-    text = (
-        json.dumps(answer.plain, indent=2, allow_nan=False) if options.json else answer.screen(options.verbose, False)
-    )
-    print(text if options.json else printable(text), flush=True)
+    if options.json:
+        print(json.dumps(answer.plain, indent=2, allow_nan=False), flush=True)
+    else:
+        print(printable(answer.screen(options.verbose, warnings=False)), flush=True)
 
 
 def told(title: str, plain: Any, *lines: str, pictures: Sequence[Picture] = ()) -> Answer:
@@ -137,16 +130,8 @@ def told(title: str, plain: Any, *lines: str, pictures: Sequence[Picture] = ()) 
 
 
 def facts_text(facts: dict[str, Any]) -> str:
-    """A line a fact, those of a nested one indented; nothing of what is None, of many numbers how many they are."""
-    lines = []
-    for key, value in facts.items():
-        if isinstance(value, list):
-            value = dict(enumerate(value)) if isinstance(value[0], dict) else f"{len(value)} values"
-        if isinstance(value, dict):
-            lines += [str(key), *(f"  {line}" for line in facts_text(value).splitlines())]
-        elif value is not None:
-            lines.append(f"{key!s:34s} {f'{value:.6g}' if isinstance(value, float) else value}")
-    return "\n".join(lines)
+    """A line a fact."""
+    return "\n".join(f"{name:34s} {words}" for name, words in flat_words(facts))
 
 
 @contextmanager

@@ -2,11 +2,9 @@
 
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import FEWEST_PERIODS
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments
@@ -15,26 +13,25 @@ from torchliner.engine.survey import Survey, survey_of, survey_sums
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import plane_notes
-from torchliner.records.slabs import slab_bounds
 from torchliner.velocity.reading import time_moments
 from torchliner.velocity.review import first_fault
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
-SPECTRUM_PROBES, SPECTRUM_SAMPLES, SPECTRUM_SEGMENT = 64, 1 << 18, 1 << 14
 STATED = {"frequency": " (Hz)", "incident_level": " (dB)", "mach": "", "source_side": "", "liner": ""}
+Facts = dict[str, Any]
 OPTIONAL = ("height", "frequency", "incident_level", "mach", "displacement_thickness", "liner", "x", "z")
 
 
 class Inspection(NamedTuple):
     """Facts by name, failed checks in words, and the names of missing facts."""
 
-    facts: dict[str, Any]
+    facts: Facts
     failures: list[str]
     missing: list[str]
 
 
 def inspect_plane(plane: VelocityPlane) -> Inspection:
-    """One pass over the data: sizes, faults, moments, spectrum peak, alignment.
+    """One pass over the data: sizes, faults, moments, alignment.
 
     The alignment check compares the mean of v0 over the plane with 1 % of the bulk velocity: over
     a rigid wall, or over whole cells, the mean wall-normal velocity is near 0 (section 5.5.1).
@@ -56,22 +53,14 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
         )
     if bool((still & good).any()):
         failures.append(f"{int((still & good).sum())} of {plane.probes} probes are constant in time")
-    found = _inspection(plane, survey_of(sums, blocks, tone, 0), good, failures)
+    found = _inspection(plane, survey_of(sums, blocks, tone, 0), good, failures, {})
     pitch = load_liner(plane.liner).cell_pitch if plane.liner in preset_names() else None
     failures += [note.text for note in plane_notes(plane, plane.frequency, pitch)]
     if plane.frequency is not None:
-        periods = found.facts["periods of the tone"] = plane.frequency * plane.duration
+        found.facts["periods of the tone"] = plane.frequency * plane.duration
         found.facts["samples per period"] = plane.sampling_rate / plane.frequency
         periodic = survey_of(sums[: whole.count], whole, tone, 0)
         found.facts["coherence with the tone (median)"] = float(periodic.coherence(tone).median())
-        if periods < FEWEST_PERIODS * (1 - 1e-6):
-            few = f"{periods:.3g} periods of the tone, fewer than {FEWEST_PERIODS:g}"
-            failures.append(f"{few}: educe refuses them unless --allow-short is given")
-        if plane.frequency >= plane.sampling_rate / 2:
-            high = f"the tone, {plane.frequency:g} Hz, is at or above half the sampling rate"
-            failures.append(f"{high}: educe refuses it")
-    if bool(good.all()):
-        found.facts["spectrum peak of v (Hz)"] = _spectrum_peak(plane)
     return found
 
 
@@ -81,7 +70,7 @@ def _faults(v: Tensor, begin: int) -> Tensor:
 
 
 def inspect_moments(known: Moments) -> Inspection:
-    """What is left of a plane: the same facts without its spectrum, and what the moments are."""
+    """What is left of a plane: the same facts, and what the moments are."""
     about: dict[str, Any] = {f"reduced with {key.replace('_', ' ')}": value for key, value in known.settings.items()}
     about |= {"cells": known.cells.count, "blocks": known.survey.blocks.count}
     if known.nodes is not None:
@@ -89,9 +78,7 @@ def inspect_moments(known: Moments) -> Inspection:
     return _inspection(known.plane, known.survey, known.used, [], about)
 
 
-def _inspection(
-    plane: VelocityPlane, seen: Survey, good: Tensor, failures: list[str], about: dict[str, Any] | None = None
-) -> Inspection:
+def _inspection(plane: VelocityPlane, seen: Survey, good: Tensor, failures: list[str], about: Facts) -> Inspection:
     """Sizes, what is stated, what v is; ``about``: facts between them."""
     facts: dict[str, Any] = {
         "title": plane.title,
@@ -100,7 +87,7 @@ def _inspection(
         "sampling rate (Hz)": float(plane.sampling_rate),
         "duration (ms)": 1e3 * plane.duration,
         "precision": str(plane.velocity.dtype).removeprefix("torch."),
-        **(about or {}),
+        **about,
         "height (mm)": None if plane.height is None else 1e3 * plane.height,
         **{f"{name} (mm)": _range(1e3 * at) for name in ("x", "z") if (at := getattr(plane, name)) is not None},
         **{f"{name}{unit}": getattr(plane, name) for name, unit in STATED.items()},
@@ -132,13 +119,3 @@ def _inspection(
 
 def _range(values: Tensor) -> str:
     return f"{float(values.min()):.4g} to {float(values.max()):.4g}"
-
-
-def _spectrum_peak(plane: VelocityPlane) -> float:
-    """Frequency of the largest line of the mean spectrum of up to 64 probes and 2^18 samples (Welch), Hz."""
-    step, count = max(1, plane.probes // SPECTRUM_PROBES), min(plane.samples, SPECTRUM_SAMPLES)
-    v = torch.cat([plane.read(*bounds)[:, ::step] for bounds in slab_bounds(count, plane.probes)]).double().numpy()
-    from scipy.signal import welch  # takes half a second to import
-
-    frequency, power = welch(v, plane.sampling_rate, nperseg=min(count, SPECTRUM_SEGMENT), axis=0)
-    return float(frequency[1:][np.argmax(power[1:].mean(1))]) if count > 2 else 0.0

@@ -20,11 +20,10 @@ from torchliner.records.notes import Note
 from torchliner.records.origin import described, input_file, standing
 from torchliner.report.answer import Answer, Grid, answer_of, ordered
 from torchliner.report.figure import require_matplotlib
-from torchliner.report.table import DIGITS, table_of
+from torchliner.report.table import DIGITS, flat_words, table_of
 
 ENDING = ".html"
 MOST_ROWS, MOST_IN_CSV = 400, 40_000  # of a table on the page, and of its CSV
-MOST_LISTED = 8  # numbers of a choice
 APART = ("inputs", "version", "versions", "command")  # choices that stand under provenance
 RESULTS: dict[str, Callable[[Path], Any]] = {
     ImpedanceMap.SCHEMA: read_map,
@@ -78,7 +77,8 @@ def write_page(answer: Answer, path: str | Path) -> None:
     css, template = (Path(__file__).with_name(f"page.{end}").read_text(encoding="utf-8") for end in ("css", "html"))
     environment = require_report().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=shown)
     environment.globals.update(csv=csv_link, svg=svg_link)
-    rows = [{"choice": name, "value": text} for name, text in _flat(answer.choices)]
+    stated = {name: value for name, value in answer.choices.items() if name not in APART}
+    rows = [{"choice": name.replace("_", " "), "value": text} for name, text in flat_words(stated)]
     inputs = [(each, standing(each)) for each in inputs_of(*answer.results)]
     changed = [
         Note("changed-input", f"{each['what']}: {each['name']} is {now.words}; it is not what the result was made of")
@@ -136,21 +136,6 @@ def svg_link(figure: Any) -> str:
 
 def _data(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
-
-
-def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
-    """Every choice in words, those of a mapping behind its name; of many values the first."""
-    for key, value in values.items():
-        name = f"{before}{key.replace('_', ' ')}"
-        if key in APART or value is None:
-            continue
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{name}, ")
-        else:
-            several = value if isinstance(value, list | tuple) else [value]
-            more = f" ... ({len(several)} values)" if len(several) > MOST_LISTED else ""
-            words = (f"{each:.7g}" if isinstance(each, float) else str(each) for each in several[:MOST_LISTED])
-            yield name, ", ".join(words) + more
 
 
 def inputs_of(*results: Any) -> list[Mapping[str, Any]]:

@@ -14,6 +14,7 @@ Bounds = tuple[complex, complex]
 HARD = 1e6  # |Z| that a table calls rigid
 STATISTICAL = "statistical, without model error"  # of the intervals of an eduction
 DIGITS = ".9g"  # of numbers in CSV
+MOST_LISTED = 8  # values of a fact
 
 
 def format_complex(value: complex | None) -> str:
@@ -188,3 +189,15 @@ def plain_of(value: Any, name: str = "") -> Any:
     if isinstance(value, (list, tuple)):
         return [plain_of(each, name) for each in value]
     return None if isinstance(value, float) and not cmath.isfinite(value) else value
+
+
+def flat_words(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
+    """Names and values in words, those of a mapping behind its name; of many values the first; nothing of None."""
+    for key, value in values.items():
+        name, several = f"{before}{key}", value if isinstance(value, list | tuple) else [value]
+        if isinstance(value, Mapping) or (value and isinstance(several[0], Mapping)):
+            yield from flat_words(value if isinstance(value, Mapping) else dict(enumerate(several, 1)), f"{name}, ")
+        elif value is not None:
+            more = f" ... ({len(several)} values)" if len(several) > MOST_LISTED else ""
+            words = (f"{each:.6g}" if isinstance(each, float) else str(each) for each in several[:MOST_LISTED])
+            yield name, ", ".join(words) + more
