@@ -85,7 +85,15 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> fig.Figure
         ):
             drawn, z = found.draws.impedance[:, 0], complex(found.impedance[0])  # type: ignore[union-attr]
             plane.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
-            fig.draw_point(plane, z, marker=marker, color=colour, markeredgecolor="k", label=f"{name}, {side}")
+            plane.plot(
+                z.real,
+                z.imag,
+                linestyle="none",
+                marker=marker,
+                color=colour,
+                markeredgecolor="k",
+                label=f"{name}, {side}",
+            )
         plane.plot(paper.real, paper.imag, "x", color=fig.COLOURS[i], markersize=7, label=f"paper, {side}")
         plane.plot(known.real, known.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
         (x, level), line = one.by_modes.level_along(), one.line

@@ -144,10 +144,21 @@ def draw_truth(rows: Sequence[Row], path: Path) -> fig.Figure:
             axis.plot(np.real(points), np.imag(points), "-", color="0.6", linewidth=0.8, zorder=1)
             for side, z in zip(SIDES, points, strict=True):
                 label = f"{FLOW_WORDS.get(flow, flow)}, {side}"
-                fig.draw_point(axis, z, marker=marker, color=DARK[side], label=label, zorder=3)
+                axis.plot(z.real, z.imag, linestyle="none", marker=marker, color=DARK[side], label=label, zorder=3)
         for side, z in PAPER.items():
-            fig.draw_point(axis, z, marker="x", color=DARK[side], markersize=7, label=f"paper, {side}")
-        fig.draw_point(axis, TRUE, marker="*", color="k", markersize=10, label="known Z, and LEE fit", zorder=4)
+            axis.plot(
+                z.real, z.imag, linestyle="none", marker="x", color=DARK[side], markersize=7, label=f"paper, {side}"
+            )
+        axis.plot(
+            TRUE.real,
+            TRUE.imag,
+            linestyle="none",
+            marker="*",
+            color="k",
+            markersize=10,
+            label="known Z, and LEE fit",
+            zorder=4,
+        )
         axis.set(**fig.PLANE, xlim=(0.8, 3.4), ylim=(-0.8, 0.4), title=title)
     return fig.finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
 

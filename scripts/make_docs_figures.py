@@ -45,7 +45,6 @@ def main() -> None:
         (["height", *map(str, plane_files("slit_n130_y*.h5")), "--figure"], ""),
         (["audit", *n130, "--quiet", "--figure"], "audit_n130.png"),
         (["audit", *o145, "--quiet", "--figure"], "audit_o145.png"),
-        (["duct", "solve", "b2a", "--quiet", "--field"], "duct_field.png"),
     ):
         torchliner([*words, str(FIGURES / picture)])
     studies = (calibrate_resolved, figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, ldv_interpolation)

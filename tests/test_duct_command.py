@@ -93,18 +93,17 @@ def test_a_table_of_the_flow_is_read(tmp_path):
 
 def test_solve_prints_what_it_writes(tmp_path, capsys):
     words, out = ["duct", "solve", "b2a", *SMALL, *MESH, "--quiet"], tmp_path / "m.h5"
-    assert main([*words, "--json", "--field", str(tmp_path / "field.png")]) == 0
+    assert main([*words, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["microphones"][0]["x"] == -0.027
     assert main([*words, "-o", str(out)]) == 0
-    assert f"{told['microphones'][3]['spl']:.3f}" in capsys.readouterr().out
+    assert f"{told['rows'][0]['transmission']:.4g}" in capsys.readouterr().out
     line = tl.read_microphones(out)
     assert line.level[:, 0].tolist() == pytest.approx([row["spl"] for row in told["microphones"]])
     assert (line.liner_end, line.source_side, line.duct_height) == (0.15, "upstream", 0.05)
     found = complex(tl.kumaresan_tufts(line).impedance[0])
     assert abs(found - (2.33 - 0.30j)) < 0.4  # what the liner's ends do to KT at 900 Hz
     assert told["rows"][0]["transmission"] < 1
-    assert (tmp_path / "field.png").stat().st_size > 10_000
 
 
 def test_modes_are_written(tmp_path, capsys):

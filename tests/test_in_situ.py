@@ -233,7 +233,7 @@ def test_maps_carry_the_in_situ_values(tmp_path, capsys):
     wanted = tl.in_situ(tl.read_pressure(pressure))
     assert again.alongside[0].name == "in situ (Dean)"
     assert torch.equal(again.alongside[0].cells["admittance"].impedance, wanted.cells["admittance"].impedance)
-    assert sum("Dean" in name for name in known_of([again], 0)) == 2
+    assert sum("Dean" in name for name in known_of(again, 0)) == 2
     assert (folder / "along_x.png").exists()
     with h5py.File(target, "a") as file:
         del file["alongside_0"]

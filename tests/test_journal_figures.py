@@ -1,4 +1,4 @@
-"""What a journal takes: fonts as text, colours to compare, captions."""
+"""What a journal takes: fonts as text, captions."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,7 @@ from conftest import plane_of, turbulence
 import torchliner as tl
 
 pytest.importorskip("matplotlib")
-from torchliner.report import curves, maps
-from torchliner.report.answer import answer_of
+from torchliner.report import curves
 from torchliner.report.figure import frame, subplots
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
@@ -45,23 +44,6 @@ def test_the_caption_stands_in_the_file_and_text_is_text(found, tmp_path):
     assert "\N{MINUS SIGN}" in drawn
     assert b"/FontFile2" in stored
     assert b"/Type3" not in stored
-
-
-def test_maps_of_one_call_have_the_same_colours(found):
-    pictures = [each for each in answer_of(found).pictures if each.name.startswith("map")]
-    assert [each.draw.keywords["limits"] for each in pictures] == [maps.map_limits(found)] * 3
-    assert maps.map_limits(found[:1]) != maps.map_limits(found[1:2])
-
-
-def test_cells_are_drawn_on_maps(liner):
-    pitch, points = liner.cell_pitch, 6
-    x = (np.arange(2 * points) + 0.5) * pitch / points
-    found = tl.educe(plane_of(turbulence((points, 2 * points, 480)), x=x, z=x[:points]), liner)
-    assert [line.get_xdata()[0] for line in maps.draw_map(found).axes[0].lines if line.get_xdata()[0] > 1] == [
-        pytest.approx(1e3 * pitch)
-    ]
-    found.choices["surface"] = "hard wall"
-    assert not maps.draw_map(found).axes[0].lines
 
 
 def test_limits_show_values_and_break_at_poles():

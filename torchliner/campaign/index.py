@@ -12,7 +12,7 @@ from torchliner.io.whole_file import printable, writable
 from torchliner.records.level_check import FAILS
 from torchliner.report.answer import Answer, Picture
 from torchliner.report.page import ENDING, write_page
-from torchliner.report.studies import draw_cases
+from torchliner.report.studies import MOST_DRAWN, draw_cases
 from torchliner.report.table import Row, Table, bounds_of, table_of
 
 UNKNOWN = complex(math.nan, math.nan)
@@ -26,7 +26,6 @@ EMPTY: Row = {  # a row of which nothing is known
 COLUMNS = list(table_of([EMPTY]).as_rows()[0])  # of CSV
 PARTS = {complex: 2, float: 1}  # columns of a value
 DONE, FAILED = "done", "failed"
-MOST_DRAWN = 60  # cases
 
 
 def full_row(**known: Any) -> Row:

@@ -75,7 +75,7 @@ def reduce(options: argparse.Namespace) -> None:
         options.chosen["background"] = background_of(options.chosen["background"])
     with progress_bar(samples_of(planes), options) as step:
         found = tl.moments(plane, liner, options.frequency, cell_pitch=pitch, progress=step, **options.chosen)
-    facts = {"output": str(options.output)} | inspect_moments(found).facts
+    facts: dict[str, Any] = {"output": str(options.output)} | inspect_moments(found).facts
     if known is not None:
         facts["error in R"] = found.error(known, liner and (options.frequency or plane.frequency))
     show(options, told(facts_text(facts), facts), found.write)

@@ -19,11 +19,10 @@ from torchliner.duct.presets import DuctSetup, duct_names, duct_text
 from torchliner.fluid import gas_warnings
 from torchliner.io.result_writers import coefficients_of, plain_multipole
 from torchliner.liners.catalogue import preset_text
-from torchliner.names import WALL_METHODS, frequency_ends, resolve
+from torchliner.names import WALL_METHODS, resolve
 from torchliner.records.origin import origin_of, with_choices
 from torchliner.report.answer import Answer, Picture, answer_of
 from torchliner.report.curves import draw_liner
-from torchliner.report.fields import draw_field
 from torchliner.report.of_duct import of_modes
 from torchliner.report.of_line import of_pressures
 from torchliner.report.table import table_of
@@ -111,9 +110,6 @@ def duct_solve(options: argparse.Namespace) -> None:
             setup.case, max(setup.frequency.tolist()), column=cell, row=cell, wall_cell=wall_cell
         )
     field = tl.solve_settled(setup.case, setup.frequency, setup.impedance, **about)
-    if options.field is not None:
-        for i, end in enumerate(frequency_ends(setup.frequency.tolist())):
-            draw_field(setup, field, options.field.with_stem(options.field.stem + end), i)
 
     def write(path: Path) -> None:
         files = [("duct", options.duct), ("liner", options.liner or "")]

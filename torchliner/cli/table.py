@@ -216,7 +216,6 @@ GROUPS = {
             "duct figure copy",
             Option("duct", "preset or .toml file; without: list the presets", NAME, "?"),
             output("write the microphones, for torchliner kt and report,", ".csv", *HDF5),
-            Option("--field", "draw |p| and |v| in the duct there, a picture a frequency", PICTURE),
             Option("--mesh", "largest cell, and that at walls, m; default: checked on a finer mesh", NUMBER, "+"),
             Option("--level", "of the incident wave, dB re 20 uPa rms; default: the duct's", NUMBER, to="chosen"),
             Option("--source-side", "of the sound; default: the duct's", names.SOURCES, to="chosen"),

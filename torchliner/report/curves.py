@@ -103,33 +103,28 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Tensor, Tensor]:
 # What is known from elsewhere.
 
 
-def references_of(results: Sequence[ImpedanceMap], frequency_index: int) -> dict[str, complex]:
+def references_of(result: ImpedanceMap, index: int) -> dict[str, complex]:
     """Independent impedances of the case, the file's "true" first; Goodrich's where the flow is known."""
-    seen: dict[str, complex] = {}
-    for result in results:
-        seen.update(result.reference_at(frequency_index))
-        if result.goodrich is not None:
-            seen["Goodrich (2.7), linear liner"] = complex(result.goodrich[frequency_index])
-    first = {"reference": seen.pop("true")} if "true" in seen else {}
-    return first | seen
+    known = result.reference_at(index)
+    found = {"reference": known.pop("true")} | known if "true" in known else known
+    if result.goodrich is not None:
+        found["Goodrich (2.7), linear liner"] = complex(result.goodrich[index])
+    return found
 
 
-def alongside_at(results: Sequence[ImpedanceMap], frequency_index: int) -> list[tuple[PointImpedances, int]]:
-    """Results of other methods at the maps' frequency: each method once, with its index there."""
-    seen: dict[str, tuple[PointImpedances, int]] = {}
-    for result in results:
-        for other in result.alongside:
-            index = other.at(float(result.frequency[frequency_index]))
-            if index is not None:
-                seen.setdefault(other.name, (other, index))
-    return list(seen.values())
+def alongside_at(result: ImpedanceMap, index: int) -> list[tuple[PointImpedances, int]]:
+    """Results of other methods at a frequency of the map, each with its index there."""
+    known = [(other, other.at(float(result.frequency[index]))) for other in result.alongside]
+    return [(other, at) for other, at in known if at is not None]
 
 
-def known_of(results: Sequence[ImpedanceMap], index: int) -> dict[str, complex]:
-    """References of the file, at its tone, other methods, Goodrich."""
-    found = references_of(results, index)
-    for other, f in alongside_at(results, index):
-        found |= {f"{other.name}, {word}": complex(other.liner[each].impedance[f]) for each, word in ORDERS.items()}
+def known_of(result: ImpedanceMap, index: int) -> dict[str, tuple[complex, Any]]:
+    """Both, by name, with the bounds of an interval or None."""
+    found: dict[str, tuple[complex, Any]] = {name: (z, None) for name, z in references_of(result, index).items()}
+    for other, f in alongside_at(result, index):
+        for each, word in ORDERS.items():
+            z = complex(other.liner[each].impedance[f])
+            found[f"{other.name}, {word}"] = z, other.bounds_of_liner(each, f)
     return found
 
 
@@ -153,7 +148,6 @@ def draw_along_x(
     path: str | Path | None = None,
     frequency_index: int = 0,
     axes: Any = None,
-    labels: Sequence[str] | None = None,
 ) -> Any:
     """R and X along x of several runs, with cell averages and references (figures 10, 17).
 
@@ -161,15 +155,17 @@ def draw_along_x(
     """
     first, before, words = results[0], look.runs_in(axes), interval_words(results[0])
     alone, drawn = len(results) == 1 and not before, list[Row]()
-    for i, (result, name) in enumerate(zip(results, labels or labels_of(results), strict=True), before):
+    for i, (result, name) in enumerate(zip(results, labels_of(results), strict=True), before):
         rows = impedance_along_x(result, frequency_index)
         drawn.append(look.curve_of(rows, next(iter(rows[0])), **look.colour_of(i, "probes" if alone else name)))
         for k, averaging in enumerate(result.averagings if alone else [result.averaging]):
             colour, aside = (look.AVERAGINGS[averaging], k - 1) if alone else (look.COLOURS[i], i - len(results) / 2)
             style = look.dots(colour, look.MARKERS[k if alone else i], f"cells, {averaging}")
             drawn += _cells(result, averaging, frequency_index, ASIDE * aside, style)
-    for other, index in alongside_at(results, frequency_index):
-        drawn += _cells_of_points(other, index, f"{other.name}, ")
+    beside = {other.name: (other, at) for one in results for other, at in alongside_at(one, frequency_index)}
+    for other, at in beside.values():
+        drawn += _cells_of_points(other, at, f"{other.name}, ")
+    known = {} if before else {k: z for one in results for k, z in references_of(one, frequency_index).items()}
 
     def more(axis: Any, part: str) -> None:
         if first.x is not None and not before:
@@ -182,7 +178,7 @@ def draw_along_x(
         look.X_MM if first.x is not None else "probe",
         path,
         f"{family(results, frequency_index)}; bands and bars: {words or 'none'}",
-        references={} if before else references_of(results, frequency_index),
+        references=known,
         more=more,
         axes=axes,
         runs=len(results),
@@ -209,13 +205,11 @@ def _cells_of_points(found: PointImpedances, index: int, label: str) -> list[Row
     ]
 
 
-def draw_spectrum(
-    results: Sequence[ImpedanceMap], path: str | Path | None = None, axes: Any = None, labels: Any = None
-) -> Any:
+def draw_spectrum(results: Sequence[ImpedanceMap], path: str | Path | None = None, axes: Any = None) -> Any:
     """R and X over frequency with intervals: of one run in all averagings, of several the answer of each."""
     before = look.runs_in(axes)
     alone, drawn = len(results) == 1 and not before, list[Row]()
-    for i, (result, name) in enumerate(zip(results, labels or labels_of(results), strict=True), before):
+    for i, (result, name) in enumerate(zip(results, labels_of(results), strict=True), before):
         rows = impedance_over_frequency(result)
         for averaging in result.averagings if alone else [result.averaging]:
             mine = averaging == result.averaging
@@ -224,25 +218,6 @@ def draw_spectrum(
             drawn.append(look.curve_of(rows, "frequency (Hz)", "impedance" if mine else averaging, **style))
     words = f"{case_title(results[0])}; bands: {interval_words(results[0]) or 'none'}"
     return look.draw_parts(drawn, look.KHZ, path, words, poles=True, axes=axes, runs=len(results))
-
-
-def draw_comparison(found: Any, path: str | Path | None = None, frequency: float | None = None) -> look.Figure:
-    """What ``compare`` found: by how much the liner and its cells differ, with intervals."""
-    frequency = frequency or found.rows[0].frequency
-    liner, *cells = [row for row in found.rows if row.frequency == frequency]
-    known = all(row.x is not None and np.isfinite(row.x) for row in cells)
-    rows = [Row(row, cell=i, impedance=row.difference) for i, row in enumerate(cells)]
-    drawn = look.curve_of(rows, "x" if known else "cell", **look.dots(look.COLOURS[0], "o", "cells", bars=True))
-
-    def more(axis: Any, part: str) -> None:
-        axis.set_ylabel(f"difference of {axis.get_ylabel()}")
-        axis.axhline(0, color="0.6", linewidth=0.6, zorder=0)
-        axis.axhline(look.part_of(liner.difference, part), color="k", linestyle="--", label="liner")
-        if liner.low is not None:
-            axis.axhspan(*(look.part_of(end, part) for end in (liner.low, liner.high)), color="0.88", zorder=0)
-
-    words = f"second minus first, {frequency:g} Hz, averaging {found.averaging}; {found.words}"
-    return look.draw_parts([drawn], look.X_MM if known else "cell", path, words, more=more, poles=None)
 
 
 def draw_liner(liner: Liner, speeds: Sequence[float], title: str, path: str | Path | None = None) -> look.Figure:

@@ -1,4 +1,4 @@
-"""Pictures along walls: levels, phases and fields of sound in ducts; impedances of microphones and of stations."""
+"""Pictures along walls: levels and phases of sound in ducts; impedances of microphones and of stations."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,8 +14,7 @@ from torchliner.report.table import Row
 
 LEVEL = 0.95  # of the intervals
 WIDTHS_OF_SEGMENTS = 3.0  # standard deviations over the segments in the paper's coloured areas
-FINE, ACROSS = 400, 60  # points of a picture along and across the duct
-NEAR_WALL = 0.05  # of the height
+FINE = 400  # points of a picture along the duct
 
 
 def level_and_phase(pressure: Any, near: Any = None) -> tuple[Any, Any]:
@@ -63,26 +62,6 @@ def draw_pressures(
     return look.finish(figure, path, title, 3)
 
 
-@look.styled
-def draw_field(setup: Any, field: Any, path: str | Path | None = None, frequency_index: int = 0) -> look.Figure:
-    """SPL and wall-normal velocity in the duct; colours end at 99.5 % of the values off the wall, since vorticity on
-    the liner would hide the rest."""
-    figure, axes = look.subplots(2, 1, 3.8)
-    case = setup.case
-    x, y = np.meshgrid(np.linspace(case.start, case.end, FINE), np.linspace(0, case.height, ACROSS))
-    p, _, v = (part[frequency_index].detach().reshape(x.shape) for part in field.at(x.ravel(), y.ravel()))
-    values = spl_from_pressure_amplitude(p).numpy(), v.abs().numpy()
-    for axis, each, label in zip(axes[:, 0], values, (look.SPL, "$|v|$ (m s$^{-1}$)"), strict=True):
-        top = np.percentile(each[y > NEAR_WALL * case.height], 99.5)
-        colours: Any = {"cmap": "cividis", "shading": "gouraud", "rasterized": True, "vmin": each.min(), "vmax": top}
-        figure.colorbar(axis.pcolormesh(1e3 * x, 1e3 * y, each, **colours), ax=axis, label=label, extend="max")
-        for start, end in case.liner:
-            axis.plot([1e3 * start, 1e3 * end], [0, 0], color=look.COLOURS[1], lw=3, clip_on=False, label="liner")
-        axis.set(xlabel=look.X_MM, ylabel=look.Y_MM)
-    words = f"{setup.name}, {float(setup.frequency[frequency_index]):g} Hz, source {field.source}"
-    return look.finish(figure, path, words, 1)
-
-
 def draw_spectra(
     found: Sequence[Any], labels: Sequence[str], rows: Sequence[look.Rows], path: str | Path | None = None
 ) -> look.Figure:
@@ -95,19 +74,11 @@ def draw_spectra(
     return look.draw_parts(drawn, look.KHZ, path, words, poles=True, legend=2, height=3.2)
 
 
-def place_along(line: ImpedanceLine) -> tuple[np.ndarray, str]:
-    """x in mm, or the number of the station where x is unknown."""
-    x = line.x.numpy()
-    known = np.isfinite(x).all()
-    return (1e3 * x, look.X_MM) if known else (np.arange(1, len(x) + 1, dtype=float), "station")
-
-
 def draw_lines(
     lines: ImpedanceLine | Sequence[ImpedanceLine],
     path: str | Path | None = None,
     frequency_index: int | None = 0,
     labels: Sequence[str] | None = None,
-    title: str | None = None,
     axes: Any = None,
 ) -> look.Figure:
     """Resistance and reactance along the line (figures 10, 11).
@@ -116,9 +87,10 @@ def draw_lines(
     Crosses: stations that do not count in averages.
     """
     lines, f = [lines] if isinstance(lines, ImpedanceLine) else lines, frequency_index or 0
-    before, drawn = look.runs_in(axes), list[Row]()
+    before, drawn, known = look.runs_in(axes), list[Row](), bool(torch.isfinite(lines[0].x).all())
     for i, line in enumerate(lines, before):
-        x, z, out = place_along(line)[0], line.impedance[:, f], ~line.used
+        x = 1e3 * line.x if known else torch.arange(1.0, len(line.x) + 1)
+        z, out = line.impedance[:, f], ~line.used
         wide, name = WIDTHS_OF_SEGMENTS * line.segment_spread[:, f], line.title or f"line {i + 1}"
         style = look.colour_of(i, labels[i - before] if labels else name, marker=look.MARKERS[i], markersize=2.5)
         drawn.append({"x": x, "y": z, "ends": (z - wide, z + wide)} | style)
@@ -136,5 +108,5 @@ def draw_lines(
             look.entry(axis, words, color="0.6", **look.BAND)
 
     about = {"more": more, "poles": None, "height": 3.5, "legend": 3, "axes": axes, "runs": len(lines)}
-    caption = title or f"{lines[0].title} {float(lines[0].frequency[f]):g} Hz"
-    return look.draw_parts(drawn, place_along(lines[0])[1], path, caption, **about)
+    caption = f"{lines[0].title} {float(lines[0].frequency[f]):g} Hz"
+    return look.draw_parts(drawn, look.X_MM if known else "station", path, caption, **about)

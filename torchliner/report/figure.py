@@ -114,6 +114,7 @@ def runs_in(axes: Any) -> int:
     return getattr(first, "torchliner_runs", 0)
 
 
+@styled
 def draw_parts(
     curves: Rows,
     across: str,
@@ -128,34 +129,31 @@ def draw_parts(
     axes: Any = None,
     runs: int = 1,
 ) -> Any:
-    """Resistance and reactance beside each other over a variable: what nearly every figure is.
+    """Resistance and reactance beside each other over a variable: what nearly every figure is. Returns the figure, or
+    the axes that were given.
 
     Args:
         curves: each the arguments of ``draw_values`` but the axis, with complex values and ends.
-        across: label of the variable.
+        across, height, legend: label of the variable; of the panels, in; columns at most.
         references: impedances known from elsewhere, as lines.
         more: draws into an axis besides; takes it and its part.
         poles: whether limits and lines end before poles, see ``frame``; None: limits that show all there is.
-        height: of the panels, in.  legend: columns at most.
-        axes: given ones, and how many ``runs`` these curves are of.
-    Returns:
-        The figure, or the axes that were given.
+        axes, runs: given ones, and how many runs these curves are of.
     """
-    with require_matplotlib().rc_context(fname=STYLE):
-        figure, panels = panels_of(2, height, axes, runs)
-        for axis, (part, label) in zip(panels, PARTS, strict=False):
-            axis.set(xlabel=across, ylabel=label)
-            for curve in curves:
-                ends = curve.get("ends")
-                own = {"y": part_of(curve["y"], part), "ends": ends and [part_of(end, part) for end in ends]}
-                draw_values(axis, **{**curve, **own})
-            for look, (name, value) in zip(REFERENCES, (references or {}).items(), strict=False):
-                axis.axhline(part_of(value, part), label=plain_label(name), **look)
-            if poles is not None:
-                frame(axis, poles=poles)
-            if more is not None:
-                more(axis, part)
-        return finish(figure, path, caption, legend, axes)
+    figure, panels = panels_of(2, height, axes, runs)
+    for axis, (part, label) in zip(panels, PARTS, strict=False):
+        axis.set(xlabel=across, ylabel=label)
+        for curve in curves:
+            ends = curve.get("ends")
+            own = {"y": part_of(curve["y"], part), "ends": ends and [part_of(end, part) for end in ends]}
+            draw_values(axis, **{**curve, **own})
+        for look, (name, value) in zip(REFERENCES, (references or {}).items(), strict=False):
+            axis.axhline(part_of(value, part), label=plain_label(name), **look)
+        if poles is not None:
+            frame(axis, poles=poles)
+        if more is not None:
+            more(axis, part)
+    return finish(figure, path, caption, legend, axes)
 
 
 def curve_of(rows: Rows, at: str, value: str = "impedance", **style: Any) -> dict[str, Any]:
@@ -181,15 +179,6 @@ def draw_values(axis: Any, x: Any, y: Any, ends: Any = None, bars: bool = False,
         axis.vlines(x, *ends, color=style["color"], linewidth=1.2, zorder=2)
     elif ends is not None:
         axis.fill_between(x, *ends, color=style["color"], alpha=0.2, linewidth=0)
-
-
-def draw_point(axis: Any, value: complex, ends: Any = None, **style: Any) -> None:
-    """One Z in the complex plane, with a cross of the intervals of R and of X where known."""
-    axis.plot(value.real, value.imag, **{"linestyle": "none", "markersize": 6, "zorder": 5} | style)
-    if ends is not None:
-        low, high = ends
-        axis.hlines(value.imag, low.real, high.real, color=style["color"], linewidth=0.9)
-        axis.vlines(value.real, low.imag, high.imag, color=style["color"], linewidth=0.9)
 
 
 def colour_of(i: int, label: str = "", **style: Any) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Maps over (x, z): colours of resistance and reactance, cells of the liner; what runs are called."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,6 @@ from torchliner.studies.variants import rows_of
 ENDS = (1, 99)  # %, of the probes: single ones over a hard spot would hide the rest
 FLAT = 1e-3  # mm, within which places lie on a line
 AREA = 1e4  # square points over the number of scattered probes: the size of their markers
-ON_MAP: Any = {"color": look.COLOURS[1], "linewidth": 0.8}
-Limits = Mapping[str, tuple[float, float]]
 
 
 def places_of(result: ImpedanceMap) -> Any:
@@ -33,58 +31,41 @@ def over_surface(result: ImpedanceMap) -> bool:
     return places is not None and bool(np.linalg.matrix_rank(places - places[:, :1], tol=FLAT) == 2)
 
 
-def map_limits(results: Sequence[ImpedanceMap], frequency_index: int = 0) -> Limits:
-    """Ends of the colours of maps to be compared: 1 and 99 % of the values of all of them."""
-    found = {}
-    for part, _ in look.PARTS:
-        values = [look.part_of(one.impedance[..., frequency_index], part).ravel() for one in results]
-        low, high = np.nanpercentile(np.concatenate(values), ENDS)
-        found[part] = float(low), float(high)
-    return found
-
-
 @look.styled
 def draw_map(
     result: ImpedanceMap,
     path: str | Path | None = None,
     frequency_index: int = 0,
     given: Any = None,
-    limits: Limits | None = None,
 ) -> Any:
-    """Both parts over (x, z); colours between ``limits``, default those of this map alone."""
+    """Both parts over (x, z); colours end at 1 and 99 % of the probes."""
     (x, z), shape = places_of(result), result.mean_velocity.shape
-    unit, limits = "index" if result.x is None else "mm", limits or map_limits([result], frequency_index)
+    unit = "index" if result.x is None else "mm"
     figure, axes = look.panels_of(2, min(5.4, 1.7 + 2.4 * (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)), given)
     for axis, (part, label) in zip(axes, look.PARTS, strict=False):
-        values, (low, high) = look.part_of(result.impedance[..., frequency_index], part), limits[part]
+        values = look.part_of(result.impedance[..., frequency_index], part)
+        low, high = np.nanpercentile(values, ENDS)
         style: Any = {"cmap": "cividis", "rasterized": True, "vmin": low, "vmax": high}
         if len(shape) == 2:
             drawn = axis.pcolormesh(x.reshape(shape), z.reshape(shape), values, shading="nearest", **style)
         else:
             drawn = axis.scatter(x, z, c=values, s=np.clip(AREA / len(x), 0.5, 60), linewidths=0, **style)
         axis.figure.colorbar(drawn, ax=axis, extend="both", label=label, location="bottom" if given is None else None)
-        mark_cells(axis, result, **ON_MAP)
         axis.set(aspect="equal", xlabel=f"$x$ ({unit})", ylabel=f"$z$ ({unit})")
     words = f"{result.title}, {float(result.frequency[frequency_index]):g} Hz; colours: 1 to 99 % of the probes"
     return look.finish(figure, path, words, 2, given)
 
 
-def mark_cells(axis: Any, result: ImpedanceMap, **style: Any) -> None:
-    """Thin lines at the borders of cells within curves along x, or a map, mm, where pitch and places are known; none
-    over a hard wall."""
+def mark_cells(axis: Any, result: ImpedanceMap) -> None:
+    """Thin lines at the borders of cells along x, mm, where pitch and places are known; none over a hard wall."""
     liner = result.choices.get("liner")
     pitch = liner.get("cell_pitch") if isinstance(liner, dict) else None
-    if not pitch or result.x is None or result.choices.get("surface") == "hard wall":
-        return
-    on_map, half = bool(style), 500 * float(pitch)
-    for centre, draw, ends in (
-        (result.cell_x, axis.axvline, axis.get_xlim()),
-        (result.cell_z, axis.axhline, axis.get_ylim()),
-    )[: 1 + on_map]:
-        at = 1e3 * centre.cpu().numpy()
+    if pitch and result.x is not None and result.choices.get("surface") != "hard wall":
+        low, high = axis.get_xlim()
+        at, half = 1e3 * result.cell_x.cpu().numpy(), 500 * float(pitch)
         borders = np.unique(np.round([at - half, at + half], 6))
-        for border in borders[(min(ends) < borders) & (borders < max(ends))]:
-            draw(border, **{"color": "0.6", "linewidth": 0.5, "zorder": 0 + on_map} | style, label="border of cells")
+        for border in borders[(low < borders) & (borders < high)]:
+            axis.axvline(border, color="0.6", linewidth=0.5, zorder=0, label="border of cells")
 
 
 def probe_rows(result: ImpedanceMap, index: int) -> list[Row]:

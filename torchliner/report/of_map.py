@@ -17,11 +17,10 @@ from torchliner.report.maps import (
     family,
     interval_words,
     labels_of,
-    map_limits,
     over_surface,
     probe_rows,
 )
-from torchliner.report.studies import draw_over_height
+from torchliner.report.studies import draw_comparison, draw_over_height
 from torchliner.report.table import STATISTICAL, Row, table_of
 from torchliner.studies.compare import compare
 from torchliner.studies.validation import nearest_case
@@ -102,13 +101,8 @@ def map_rows(result: ImpedanceMap) -> list[Row]:
         if matched is not None and bool(matched.share[i].isfinite()):
             names = ("impedance", "low", "high", "share")
             rows.append(about | {"averaging": MATCHED} | {name: getattr(matched, name)[i].tolist() for name in names})
-        its = {
-            f"{other.name}, {order}": other.bounds_of_liner(each, f)
-            for other, f in curves.alongside_at([result], i)
-            for each, order in curves.ORDERS.items()
-        }
-        for name, z in curves.known_of([result], i).items():
-            low, high = its.get(name) or (None, None)
+        for name, (z, bounds) in curves.known_of(result, i).items():
+            low, high = bounds or (None, None)
             rows.append(about | {"averaging": name, "impedance": z, "low": low, "high": high})
     return rows
 
@@ -128,10 +122,10 @@ def _line(result: ImpedanceMap, index: int) -> str:
 def level_line(result: ImpedanceMap, index: int) -> str:
     """'Level check fails: -1.93 dB off ...', or why there is none."""
     check, verdict = result.level_check, state_of(result, index)
-    if check is None:
-        return f"Level check: {result.level_check_words}."
-    if not verdict:
-        return "Level check: no pressure is known at this frequency."
+    if check is None or not verdict:
+        return (
+            f"Level check: {result.level_check_words if check is None else 'no pressure is known at this frequency'}."
+        )
     level = check.words(check.averaging, index).removesuffix(verdict).strip()
     return f"Level check {'is ' * (verdict == INCONCLUSIVE)}{verdict}: {level} {result.level_check_words}."
 
@@ -206,20 +200,20 @@ def _pictures(results: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane]) 
     if len(first.frequency) > 1:
         words = f"Impedance of the whole liner over frequency{bars}. The axes end before poles of Z."
         add("spectrum", words, partial(curves.draw_spectrum, results), curves.impedance_over_frequency)
-    limits = map_limits([one for one, _ in maps], main) if maps else None
     for i, (one, name) in enumerate(maps):
         words = f"{name}: R and X over ρc at each probe, {at}; colours from the 1st to the 99th percentile."
-        draw = partial(draw_map, one, frequency_index=main, limits=limits)
+        draw = partial(draw_map, one, frequency_index=main)
         add(f"map{i or ''}", words, draw, partial(probe_rows, index=main), [(one, name)])
     if len({one.height for one in results} - {None}) > 1:
-        placed, known = [run for run in runs if run[0].height is not None], curves.known_of(results, main)
+        placed = [run for run in runs if run[0].height is not None]
+        known = {name: z for one in results for name, (z, _) in curves.known_of(one, main).items()}
         drawn = [row for one, _ in placed for row in height_rows(one, main)]
         draw = partial(draw_over_height, drawn, family(results, main), references=known)
         add("height", f"Impedance over height at {at}{bars}.", draw, partial(height_rows, index=main), placed)
     if len(results) == 2:
         with contextlib.suppress(ValueError):  # other cells or averagings have no difference
             both = compare(results[0], results[1])
-            draw = partial(curves.draw_comparison, both, frequency=float(first.frequency[main]))
+            draw = partial(draw_comparison, both, frequency=float(first.frequency[main]))
             found.append(Picture("difference", "Second minus first.", draw, lambda: both.rows))
     if planes:
         pairs = list(zip(planes, labels_of(planes), strict=True))

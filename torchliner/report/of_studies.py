@@ -8,7 +8,6 @@ import torch
 
 from torchliner.report import studies
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words
-from torchliner.report.curves import draw_comparison
 from torchliner.report.table import Table, bounds_of, format_complex, table_of
 from torchliner.studies.fit import Fit
 from torchliner.studies.sensitivities import Sensitivities
@@ -54,7 +53,9 @@ def of_comparison(found: Study) -> Answer:
         lines=[f"Whole liner at {row.frequency:g} Hz: {words}; {differs}."],
         table=table_of(found.rows, "place,frequency,first,second,difference,interval,differs_in"),
         remarks=[found.words],
-        pictures=[Picture("difference", "Second minus first", partial(draw_comparison, found), lambda: found.rows)],
+        pictures=[
+            Picture("difference", "Second minus first", partial(studies.draw_comparison, found), lambda: found.rows)
+        ],
         more=found,
     )
 

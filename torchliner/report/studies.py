@@ -13,6 +13,7 @@ from torchliner.studies.laws import impedances_at
 
 SPEED = "$|v|$ (m s$^{-1}$)"
 DRAWN = 200  # speeds of a picture
+MOST_DRAWN = 60  # lines of a picture
 NORMAL = 1.96  # standard deviations of a 95 % interval
 
 
@@ -69,15 +70,20 @@ def draw_audit(found: Any, path: str | Path | None = None) -> look.Figure:
     return draw_cases(rows, path, {"base": found.base}, words, span)
 
 
+def draw_comparison(found: Any, path: str | Path | None = None, frequency: float | None = None) -> look.Figure:
+    """What ``compare`` found: by how much the liner and its cells differ, with intervals."""
+    frequency = frequency or found.rows[0].frequency
+    rows = [Row(row, name=row.place, impedance=row.difference) for row in found.of(frequency=frequency)]
+    words = f"second minus first, {frequency:g} Hz, averaging {found.averaging}; {found.words}"
+    return draw_cases(rows[:MOST_DRAWN], path, {"no difference": 0j}, words)
+
+
 def draw_models(found: Any, path: str | Path | None = None) -> look.Figure:
-    """R and X with their intervals: a line a model at one frequency, curves over several."""
-    names = list(dict.fromkeys(row.model for row in found.rows))
-    words = f"averaging {found.averaging}{'' if found.level is None else f'; bands: {100 * found.level:g} % interval'}"
-    if len(names) == len(found.rows):
-        title = f"{found.title}, {found.rows[0].frequency:g} Hz, {words}"
-        return draw_cases([Row(row, name=row.model) for row in found.rows], path, found.references, title)
-    drawn = [look.curve_of(found.of(model=n), "frequency", **look.colour_of(i, n)) for i, n in enumerate(names)]
-    return look.draw_parts(drawn, look.KHZ, path, f"{found.title}, {words}", poles=True)
+    """A line a model and frequency, with its interval."""
+    several = len({row.frequency for row in found.rows}) > 1
+    rows = [Row(row, name=f"{row.model}, {row.frequency:g} Hz" if several else row.model) for row in found.rows]
+    words = f"{found.title}, {found.rows[0].frequency:g} Hz, averaging {found.averaging}"
+    return draw_cases(rows[:MOST_DRAWN], path, found.references, words)
 
 
 def draw_predictions(rows: Rows, title: str, path: str | Path | None = None) -> look.Figure:

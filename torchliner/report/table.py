@@ -191,7 +191,7 @@ def plain_of(value: Any, name: str = "") -> Any:
     return None if isinstance(value, float) and not cmath.isfinite(value) else value
 
 
-def flat_words(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, str]]:
+def flat_words(values: Mapping[Any, Any], before: str = "") -> Iterator[tuple[str, str]]:
     """Names and values in words, those of a mapping behind its name; of many values the first; nothing of None."""
     for key, value in values.items():
         name, several = f"{before}{key}", value if isinstance(value, list | tuple) else [value]
