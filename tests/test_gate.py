@@ -13,7 +13,7 @@ from conftest import DATA, plane_of, turbulence
 from test_cli import run
 
 import torchliner as tl
-from torchliner.cli import files
+from torchliner.cli import work
 from torchliner.cli.main import BAD_INPUT, DONE, INTERRUPTED
 from torchliner.io import whole_file
 from torchliner.io.csv_rows import write_rows
@@ -175,7 +175,7 @@ def test_a_full_disk_names_the_output(folder):
 
 @pytest.mark.parametrize("fault", [KeyError("x"), AttributeError("no x"), RecursionError("deep")])
 def test_what_nobody_foresaw_is_one_line(capsys, folder, monkeypatch, fault):
-    monkeypatch.setattr(files, "read_records", lambda *_: (each for each in ()).throw(fault))
+    monkeypatch.setattr(work, "read_records", lambda *_: (each for each in ()).throw(fault))
     code, out, err = run(capsys, "info", "plane.h5")
     assert (code, out, len(err.splitlines())) == (BAD_INPUT, "", 1)
     assert err.startswith(f"torchliner info: plane.h5: {type(fault).__name__}: ")
@@ -203,7 +203,7 @@ def test_warnings_come_once_three_at_most_and_are_ours(capsys, folder, monkeypat
         warnings.warn("will be removed", DeprecationWarning, stacklevel=2)
         raise ValueError("plane.h5: done")
 
-    monkeypatch.setattr(files, "read_records", doubtful)
+    monkeypatch.setattr(work, "read_records", doubtful)
     err = run(capsys, "info", "plane.h5")[2].splitlines()
     assert err[0] == "warning: plane.h5: rests on 0.5 blocks; pass --quiet"
     assert err[1:3] == ["warning: warned two", "warning: warned three"]

@@ -11,7 +11,7 @@ from torchliner.campaign.follow import follow as following
 from torchliner.campaign.index import FAILED, index_table, report_campaign
 from torchliner.campaign.run import plan, run_campaign
 from torchliner.checks import require_positive
-from torchliner.cli.work import liners_of, progress_bar, show, told
+from torchliner.cli import work
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.page import report_file, require_report
 from torchliner.velocity.workers import open_cluster
@@ -28,15 +28,15 @@ def run(options: argparse.Namespace) -> int:
     to_read = planned.to_read.values()
     summary = f"{len(units)} units; {len(to_read)} planes to read, {sum(unit.bytes for unit in to_read) / 1e9:.3g} GB"
     if options.dry_run:
-        show(options, told(summary, units, *(f"{u['unit']}: {u['state']}" for u in units)), lambda _: None)
+        work.show(options, work.told(summary, units, *(f"{u['unit']}: {u['state']}" for u in units)), lambda _: None)
         return 0
     if campaign.figures:
         require_matplotlib()
     total = sum(2 * unit.plane.samples for unit in to_read)
-    with open_cluster(options.cluster, options.wait) as client, progress_bar(total, options) as step:
+    with open_cluster(options.cluster, options.wait) as client, work.progress_bar(total, options) as step:
         rows = run_campaign(campaign, client=client, progress=step)
     words = f"{index_table(rows).as_text()}\n{summary}\nresults in {campaign.output}, index.csv"
-    show(options, told(words, index_table(rows).as_rows()), lambda _: None)
+    work.show(options, work.told(words, index_table(rows).as_rows()), lambda _: None)
     return int(any(row["status"] == FAILED for row in rows))
 
 
@@ -46,7 +46,7 @@ def follow(options: argparse.Namespace) -> int:
         require_positive(f"--{name}", getattr(options, name))
     frames = Frames(options.plane, options.reading)
     first = tl.read_plane(frames.files()[0], lazy=True, **frames.request)
-    (liner,) = liners_of(options, [first], [options.plane])
+    (liner,) = work.liners_of(options, [first], [options.plane])
     output, options.output = options.output, None  # written once, at the end
     if not options.json:
         print("".join(f"{name:12s}" for name in STANDING), flush=True)
@@ -55,7 +55,7 @@ def follow(options: argparse.Namespace) -> int:
     try:
         for latest in following(frames, liner, options.frequency, **wish, **options.chosen):
             for row in latest[1]:
-                show(options, told(_standing(row), row))
+                work.show(options, work.told(_standing(row), row))
     finally:  # whatever ends it leaves what there is
         if output is not None and latest is not None and latest[0].periods:
             latest[0].moments().write(output)
@@ -77,4 +77,4 @@ def report(options: argparse.Namespace) -> None:
     write = report_campaign if options.result.is_dir() else report_file
     answer = write(options.result, options.output)
     plain = {"title": answer.title, "answer": " ".join(answer.lines), "level_check": answer.state}
-    show(options, told(answer.screen(), plain, str(options.output)), lambda _: None)
+    work.show(options, work.told(answer.screen(), plain, str(options.output)), lambda _: None)

@@ -20,16 +20,12 @@ OWN_FILES = (".toml", ".csv", ".py", ".txt", ".wav", ".npy", ".mat", *HDF5)  # b
 
 @contextmanager
 def passed(command: str, declared: Sequence[Option], options: argparse.Namespace) -> Iterator[list[str]]:
-    """Test all files that the options name; within the block none of the inputs can be lost.
+    """Test all files that the options name; within the block none of the inputs can be lost. Yields the inputs, as the
+    user named them. An output without an ending is a folder: it is made, and the output is a file in it.
 
-    An output without an ending is a folder: it is made, and the output is a file in it.
-
-    Yields:
-        The inputs, as the user named them.
     Raises:
-        ValueError: an output is an input or another output, or has a wrong ending; a list names one file twice.
-        OSError: an input is missing or a device; an output cannot be written.
-        ImportError: a figure is asked for, and matplotlib is not there.
+        ValueError, OSError: an input is missing, a device or named twice; an output is an input or another output, has
+            a wrong ending, or cannot be written.
     """
     given = [
         (each, each.kind, one)
@@ -69,11 +65,7 @@ def passed(command: str, declared: Sequence[Option], options: argparse.Namespace
 
 
 def _inputs(name: str) -> list[Path]:
-    """The file or folder of that name, or the files that a pattern stands for.
-
-    Raises:
-        OSError: what is not there, with the nearest name; what is neither a file nor a folder.
-    """
+    """The file or folder of that name, or the files that a pattern stands for; an OSError where there is none."""
     from torchliner.file_checks import require_regular
 
     found = [name] if os.path.lexists(name) else sorted(glob.glob(name, recursive=True)) or [name]

@@ -21,11 +21,7 @@ except KeyboardInterrupt:  # in the first tenths of a second
     sys.exit(130)
 
 ABOUT = "Acoustic liner impedance from velocity measured just above the liner."
-EXAMPLES = """examples:
-  torchliner educe plane.h5 -o map.h5 --figure pictures
-  torchliner liner onera --frequency 500:3000:500
-
-torchliner COMMAND --help: its options; torchliner --version: the version."""
+MORE = "torchliner COMMAND --help: its options; torchliner --version: the version."
 DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
 EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
 NO_MEMORY = ("can't allocate memory", "out of memory", "Unable to allocate")
@@ -38,7 +34,7 @@ def overview() -> str:
     parts = ["usage: torchliner COMMAND ...", ABOUT]
     for (_, title), group in GROUPS.items():
         parts.append("\n".join([f"{title}:", *(f"  {name:15s}{COMMANDS[name].summary}" for name in group)]))
-    return "\n\n".join([*parts, EXAMPLES])
+    return "\n\n".join([*parts, MORE])
 
 
 def parsed(words: Sequence[str]) -> tuple[Parser, Namespace]:

@@ -12,8 +12,8 @@ import torch
 import torchliner as tl
 from torchliner import names
 from torchliner.checks import tell
+from torchliner.cli import work
 from torchliner.cli.options import spelled
-from torchliner.cli.work import facts_text, incident_signal, show, told, write_text
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import DuctSetup, duct_names, duct_text
 from torchliner.fluid import gas_warnings
@@ -34,11 +34,11 @@ def insitu(options: argparse.Namespace) -> None:
     record = tl.read_pressure(options.record)
     answer, points = of_pressures(record, options.frequency, **options.chosen, **pair)
     if options.output is None or options.output.suffix.lower() == ".csv":
-        show(options, answer)
+        work.show(options, answer)
     elif points is None:
         raise ValueError(f"{options.record} holds microphones alone: -o FILE.csv writes the rows")
     else:
-        show(options, answer, with_choices(points, command=options.typed).write)
+        work.show(options, answer, with_choices(points, command=options.typed).write)
 
 
 def kt(options: argparse.Namespace) -> None:
@@ -62,7 +62,7 @@ def kt(options: argparse.Namespace) -> None:
         else:
             found[0].write(path, *found[1:])
 
-    show(options, answer, write)
+    work.show(options, answer, write)
 
 
 FREQUENCIES = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
@@ -71,10 +71,10 @@ FREQUENCIES = (500.0, 1000.0, 1400.0, 1500.0, 2000.0, 3000.0)
 def liner(options: argparse.Namespace) -> None:
     """Geometry, resonance and impedance of a liner."""
     if options.liner is None:
-        show(options, told(f"presets: {', '.join(tl.preset_names())}", tl.preset_names()))
+        work.show(options, work.told(f"presets: {', '.join(tl.preset_names())}", tl.preset_names()))
         return
     if options.copy is not None:
-        write_text(preset_text(options.liner), options.copy, anew=True)
+        work.write_text(preset_text(options.liner), options.copy, anew=True)
     model, speeds = tl.load_liner(options.liner), options.speed
     facts: dict[str, Any] = model.describe()
     with suppress(ValueError, AttributeError):
@@ -86,21 +86,21 @@ def liner(options: argparse.Namespace) -> None:
     title = f"liner model {Path(options.liner).stem}"
     answer = Answer(
         title=f"{title}, SI units; Z over rho c at |v| in m/s",
-        lines=[facts_text(facts)],
+        lines=[work.facts_text(facts)],
         table=table_of(rows, "frequency" + "".join(f",impedance.{name}" for name in at)),
         pictures=[Picture("liner", "R and X.", partial(draw_liner, model, speeds, title), lambda: rows)],
         more={"liner": facts},
     )
-    show(options, answer)
+    work.show(options, answer)
 
 
 def duct_solve(options: argparse.Namespace) -> None:
     """Sound field of a lined duct with flow, SPL at microphones."""
     if options.duct is None:
-        show(options, told(f"presets: {', '.join(duct_names())}", duct_names()))
+        work.show(options, work.told(f"presets: {', '.join(duct_names())}", duct_names()))
         return
     if options.copy is not None:
-        write_text(duct_text(options.duct), options.copy, anew=True)
+        work.write_text(duct_text(options.duct), options.copy, anew=True)
         return
     setup = _setup(options)
     about: dict[str, Any] = {"places": setup.microphones, "wall": setup.wall}
@@ -117,7 +117,7 @@ def duct_solve(options: argparse.Namespace) -> None:
             files.append(("table", Path(options.duct).parent / table))
         setup.line_of(field, **origin_of(files, command=options.typed)).write(path)
 
-    show(options, setup.line_of(field), write)
+    work.show(options, setup.line_of(field), write)
 
 
 def duct_modes(options: argparse.Namespace) -> None:
@@ -127,7 +127,7 @@ def duct_modes(options: argparse.Namespace) -> None:
     wall = setup.impedance[..., 0] if setup.case.liner else torch.inf
     about = {"count": options.count, "slip_condition": setup.case.slip_condition}
     found = {each: tl.duct_modes(profile, f, wall, direction=each, **about) for each in names.DIRECTIONS}
-    show(options, of_modes(setup, found))
+    work.show(options, of_modes(setup, found))
 
 
 def _setup(options: argparse.Namespace) -> DuctSetup:
@@ -147,11 +147,11 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
 
 def ir_tdibc(options: argparse.Namespace) -> None:
     """Impedance over level from the incident wave alone."""
-    incident = incident_signal(options)
+    incident = work.incident_signal(options)
     if incident is None and options.frequency is None:
         raise ValueError("nothing is sent; give --frequency of a tone, or --incident")
     wave, read = (options.frequency, None) if incident is None else (incident, options.frequency)
-    show(options, tl.ir_tdibc(tl.load_liner(options.liner), options.level, wave, frequency=read, **options.chosen))
+    work.show(options, tl.ir_tdibc(tl.load_liner(options.liner), options.level, wave, frequency=read, **options.chosen))
 
 
 def export(options: argparse.Namespace) -> None:
@@ -168,4 +168,4 @@ def export(options: argparse.Namespace) -> None:
         table=table_of([dict(zip(heads, each, strict=True)) for each in numbers], ",".join(heads)),
         more=plain_multipole(model),
     )
-    show(options, answer, model.write)
+    work.show(options, answer, model.write)

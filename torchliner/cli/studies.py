@@ -5,15 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import torchliner as tl
-from torchliner.cli.work import (
-    only_liner,
-    progress_bar,
-    read_planes,
-    read_records,
-    samples_of,
-    show,
-    write_text,
-)
+from torchliner.cli import work
 from torchliner.liners.catalogue import liner_text
 from torchliner.studies.calibrate import AVERAGING, NOISE, calibrate_without_flow, with_flow
 from torchliner.studies.fit import OUTSIDE
@@ -26,26 +18,26 @@ CURVE = "curve"
 
 def audit(options: argparse.Namespace) -> None:
     """How far each open choice moves the impedance."""
-    records = read_planes(options.planes, options)
-    liner = only_liner(options, records, options.planes)
-    with progress_bar(samples_of(records), options) as step:
+    records = work.read_planes(options.planes, options)
+    liner = work.only_liner(options, records, options.planes)
+    with work.progress_bar(work.samples_of(records), options) as step:
         found = tl.audit(records, liner, options.frequency, progress=step, **options.chosen)
-    show(options, found)
+    work.show(options, found)
 
 
 def height(options: argparse.Namespace) -> None:
     """Impedance over height, and which height to take."""
-    records = read_records(options.planes, options)
-    liner = only_liner(options, records, options.planes)
-    with progress_bar(len(records), options, "height") as step:
+    records = work.read_records(options.planes, options)
+    liner = work.only_liner(options, records, options.planes)
+    with work.progress_bar(len(records), options, "height") as step:
         found = study_heights(records, liner, options.frequency, progress=step, **options.chosen)
-    show(options, found)
+    work.show(options, found)
 
 
 def compare(options: argparse.Namespace) -> None:
     """Difference of two maps, by cell and for the liner."""
     found = tl.compare(tl.read_map(options.first), tl.read_map(options.second), **options.chosen)
-    show(options, found)
+    work.show(options, found)
 
 
 def compare_models(options: argparse.Namespace) -> None:
@@ -54,22 +46,22 @@ def compare_models(options: argparse.Namespace) -> None:
     liners = dict(zip(stems if len(set(stems)) == len(stems) else options.liner, options.liner, strict=True))
     if len(liners) < len(stems):
         raise ValueError(f"--liner {' --liner '.join(options.liner)}: one is given twice; name each model once")
-    records = read_records([options.plane], options)
+    records = work.read_records([options.plane], options)
     models = {name: tl.load_liner(liner) for name, liner in liners.items()}
-    with progress_bar(samples_of(records), options) as step:
+    with work.progress_bar(work.samples_of(records), options) as step:
         found = tl.compare_models(records[0], models, options.frequency, progress=step, **options.chosen)
-    show(options, found)
+    work.show(options, found)
 
 
 def sensitivity(options: argparse.Namespace) -> None:
     """Change of Z with each parameter of a liner; tolerances."""
-    records, tolerances = read_records([options.plane], options), dict(options.tolerance)
-    liner = only_liner(options, records, [options.plane])
+    records, tolerances = work.read_records([options.plane], options), dict(options.tolerance)
+    liner = work.only_liner(options, records, [options.plane])
     wanted = options.parameters or [*tolerances] or None
-    with progress_bar(samples_of(records), options) as step:
+    with work.progress_bar(work.samples_of(records), options) as step:
         found = tl.sensitivities(records[0], liner, options.frequency, wanted, progress=step, **options.chosen)
     budget = found.propagate(tolerances, limits=options.limits) if tolerances else None
-    show(options, found, averaging=options.averaging, budget=budget, limits=options.limits)
+    work.show(options, found, averaging=options.averaging, budget=budget, limits=options.limits)
 
 
 def calibrate(options: argparse.Namespace) -> int:
@@ -90,7 +82,7 @@ def calibrate(options: argparse.Namespace) -> int:
         left_out = ", ".join(f"{name} {score:.3f}" for name, score in scores.items())
         words = f"law: {type(found.liner).__name__}; error of reactances left out: {left_out}; {how}"
     rows = _predicted(found, predicted, options, options.noise or 0.0)
-    show(options, found, lambda path: _write(found, liner.name, how, path, options), predicted=rows, words=words)
+    work.show(options, found, lambda path: _write(found, liner.name, how, path, options), predicted=rows, words=words)
     return int(bool(found.on_bound or found.unseen))
 
 
@@ -105,16 +97,16 @@ def identify(options: argparse.Namespace) -> int:
     found = tl.identify(known, liner, references, **about, **options.chosen)
     fit = found.fit
     rows = _predicted(fit, predicted, options)
-    show(options, found, lambda path: _write(fit, liner.name, "identified", path, options), predicted=rows)
+    work.show(options, found, lambda path: _write(fit, liner.name, "identified", path, options), predicted=rows)
     return int(bool(fit.on_bound or fit.unseen or any(row.outside > OUTSIDE for row in rows)))
 
 
 def _planes(options: argparse.Namespace) -> tuple[list[Any], list[Any], Any, Any]:
     """The planes to fit and those to predict, the one liner of all, and the references: one name, or values."""
     paths, count, (first, *others) = [*options.planes, *options.predict], len(options.planes), options.reference
-    both = read_records(paths, options)
+    both = work.read_records(paths, options)
     named = first if isinstance(first, str) and not others else options.reference
-    return both[:count], both[count:], only_liner(options, both, paths), named
+    return both[:count], both[count:], work.only_liner(options, both, paths), named
 
 
 def _predicted(found: Any, records: list[Any], options: Any, noise: float = 0.0) -> list[Any]:
@@ -138,4 +130,4 @@ def _write(found: Any, name: str, how: str, path: Path, options: argparse.Namesp
     source = f"{title}: {how} by torchliner: {found.law.label if found.law.frequencies else words}; fitted to "
     source += f"{', '.join(each.name for each in options.planes)} (reference {' '.join(map(str, options.reference))})"
     source += f"; on a bound: {', '.join(found.on_bound)}" if found.on_bound else ""
-    write_text(liner_text(found.liner.replace(name=title), source), path)
+    work.write_text(liner_text(found.liner.replace(name=title), source), path)

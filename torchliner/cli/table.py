@@ -57,6 +57,7 @@ WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or
 SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
 BASE = "drive running_window mean wall_filter missing background minimum_coherence interval level_limit "
 BASE += "level_uncertainty level_matched allow_short device dtype"
+FIXED = "drive mean missing allow_short"
 KNOWN = "impedance named in the files, or one each, as 0.168-0.066j"
 SHARED: dict[str, tuple[Option | Of, ...]] = {
     "plane": (Option("plane", f"file of a plane, {ANY}", FILE), *READING),
@@ -67,9 +68,7 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
         Of("io.burst_text:read_burst_columns", "columns separator", to="reading"),
         Of("io.burst_text:read_dantec", "components", to="reading"),
     ),
-    "liner": (
-        Option("--liner", "preset, or .toml, .csv or .py file of a model; default: the one the file names", NAME),
-    ),
+    "liner": (Option("--liner", "preset, .toml, .csv or .py file; default: as the file says", NAME),),
     "tone": (frequency("the tone of the file"),),
     "one-tone": (Option("--frequency", "in Hz; default: the tone of the file", NUMBER),),
     "incident": (Option("--incident", WAVES, NAME),),
@@ -104,7 +103,7 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
         Option("--predict", "planes to predict; default: none", FILE, "+", []),
         Option("--noise", "standard uncertainty of R and X of the references", NUMBER),
     ),
-    "fixed": (choices("drive mean missing allow_short"),),
+    "fixed": (choices(FIXED),),
 }
 FREE = "parameter to fit and its bounds, SI, or usual ones; 'offset' is both parts. Without, for runs without flow: "
 FREE += "contraction coefficient, with two levels or more the offset, and the law of lost mass that predicts best"
@@ -149,10 +148,7 @@ GROUPS = {
     },
     ("studies", "vary a choice, a height, a model or its parameters, or fit these"): {
         "audit": row("planes liner one-tone rows figure base", Of("studies.audit:audit", "averaging", "choices")),
-        "height": row(
-            "planes liner one-tone rows figure",
-            choices("averaging phase drive mean missing allow_short wall_filter"),
-        ),
+        "height": row("planes liner one-tone rows figure", choices(f"averaging phase {FIXED} wall_filter")),
         "compare": row(
             "rows figure",
             Option("first", "map of torchliner educe", FILE),

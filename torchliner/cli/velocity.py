@@ -8,19 +8,7 @@ from typing import Any
 
 import torchliner as tl
 from torchliner.bursts.stations import Station
-from torchliner.cli.work import (
-    incident_signal,
-    liners_of,
-    planes_of,
-    preset_named,
-    progress_bar,
-    read_planes,
-    read_records,
-    samples_of,
-    show,
-    told,
-    with_facts,
-)
+from torchliner.cli import work
 from torchliner.engine.moments import ReducedVelocity
 from torchliner.io.burst_sources import StationSource
 from torchliner.io.microphone_file import read_wall_pressure
@@ -35,11 +23,11 @@ def educe(options: argparse.Namespace) -> int:
     """Impedance map of one or several velocity planes."""
     pressure = None if options.in_situ is None else tl.read_pressure(options.in_situ)
     wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
-    records = [with_facts(each, options.facts) for each in read_records(options.planes, options)]
-    planes = planes_of(records)
+    records = [work.with_facts(each, options.facts) for each in work.read_records(options.planes, options)]
+    planes = work.planes_of(records)
     outputs = _outputs(options, planes)
-    liners, found = liners_of(options, records, options.planes), []
-    with progress_bar(samples_of(planes), options) as step:
+    liners, found = work.liners_of(options, records, options.planes), []
+    with work.progress_bar(work.samples_of(planes), options) as step:
         about = {"pressure": wall or pressure, "progress": step} | options.chosen
         for record, liner in zip(records, liners, strict=True):
             found.append(tl.educe(record, liner, options.frequency, **about))
@@ -50,14 +38,14 @@ def educe(options: argparse.Namespace) -> int:
 
 def replay(options: argparse.Namespace) -> int:
     """The same under any incident wave, with the reflected signal."""
-    incident = incident_signal(options)
-    (plane,) = planes = read_planes([options.plane], options)
+    incident = work.incident_signal(options)
+    (plane,) = planes = work.read_planes([options.plane], options)
     outputs = _outputs(options, planes)
     incident = incident or options.frequency or plane.frequency
     if incident is None:
         raise ValueError(f"{options.plane} states no tone; name --incident or --frequency")
-    (liner,) = liners_of(options, planes, [options.plane])
-    with progress_bar(plane.samples, options) as step:
+    (liner,) = work.liners_of(options, planes, [options.plane])
+    with work.progress_bar(plane.samples, options) as step:
         about = {"reflected": options.reflected, "progress": step} | options.chosen
         found = tl.replay(plane, liner, incident, options.frequency, **about)
     return _finish(options, [found], planes, outputs)
@@ -88,14 +76,14 @@ def _finish(options: argparse.Namespace, found: list[Any], planes: list[Any], ou
             result.write(path)
 
     whole = not any(isinstance(each.velocity, ReducedVelocity) for each in planes)  # of moments there is none to draw
-    show(options, found, write, planes=planes if whole else ())
+    work.show(options, found, write, planes=planes if whole else ())
     return int(options.strict and any(each.level_check is not None and each.level_check.failed for each in found))
 
 
 def ldv_info(options: argparse.Namespace) -> int:
     """Bursts of laser Doppler stations: describe and check."""
     stations = [Station.of(source.read(), options.without) for source in _stations(options)]
-    show(options, stations)
+    work.show(options, stations)
     return int(any(station.flags for station in stations))
 
 
@@ -105,22 +93,22 @@ def ldv_convert(options: argparse.Namespace) -> None:
     bursts = sum(record.bursts for record in records)
     plain = {"output": str(options.output), "stations": len(records), "bursts": bursts}
     words = f"{options.output}: {len(records)} stations, {bursts} bursts"
-    show(options, told(words, plain), lambda path: write_several(records, path))
+    work.show(options, work.told(words, plain), lambda path: write_several(records, path))
 
 
 def ldv_educe(options: argparse.Namespace) -> None:
     """The same: impedance along a line of stations; resumable with -o."""
     sources, parts = _stations(options), None
-    liner = tl.load_liner(options.liner or preset_named(sources[0].read().liner, sources[0].path))
+    liner = tl.load_liner(options.liner or work.preset_named(sources[0].read().liner, sources[0].path))
     if options.output is not None:
         parts = Path(f"{options.output}.parts")
         writable_folder(parts)
         if (there := len([*parts.glob("*.h5")])) and not options.quiet:
             print(f"{parts} holds {there} finished stations, which are taken up", file=sys.stderr)
-    with progress_bar(len(sources), options, "station") as step:
+    with work.progress_bar(len(sources), options, "station") as step:
         about = options.chosen | {"without": options.without, "parts": parts, "progress": step}
         line = with_choices(tl.educe_bursts(sources, liner, options.educe_at, **about), command=options.typed)
-    show(options, line, line.write)
+    work.show(options, line, line.write)
     if parts is not None:
         shutil.rmtree(parts, ignore_errors=True)
 

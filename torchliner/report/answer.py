@@ -47,56 +47,32 @@ class Grid(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A drawing and its numbers.
+    """A drawing and its numbers."""
 
-    Args:
-        name: of its files.
-        caption: below it.
-        draw: takes the path of a picture, or None; returns the figure.
-        rows: makes the rows of what is drawn.
-    """
-
-    name: str
+    name: str  # of its files
     caption: str
-    draw: Callable[[Any], Any]
-    rows: Callable[[], Sequence[Mapping[str, Any]]]
+    draw: Callable[[Any], Any]  # takes the path of a picture, or None; returns the figure
+    rows: Callable[[], Sequence[Mapping[str, Any]]]  # makes the rows of what is drawn
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What there is to show of a result.
-
-    Args:
-        title: what it is.
-        lines: the answer in sentences: Z with its interval, the level check.
-        table: the rows behind the answer, of CSV, JSON, pages and a verbose screen.
-        brief: the rows of a screen; default all.
-        caption: of the table.
-        grids: further tables, of JSON, a verbose screen and a page.
-        remarks: what the tables rest on, of a verbose screen and a page.
-        notes: warnings.
-        step: what to do next, one sentence; "" where nothing is to be done.
-        state: of the level check: ``passes``, ``inconclusive``, ``fails`` or "".
-        pictures: the first is the one that a command draws.
-        results: whose ``choices`` name inputs, versions and the command; those of the first are shown.
-        more: values by name for JSON alone; all of JSON where there is no table.
-        source: file of the result.
-    """
+    """What there is to show of a result."""
 
     title: str
-    lines: Sequence[str]
-    table: Table = EMPTY
-    brief: Sequence[Mapping[str, Any]] | None = None
-    caption: str = "The answer."
-    grids: Sequence[Grid] = ()
-    remarks: Sequence[str] = ()
-    notes: Sequence[Note | str] = ()
-    step: str = ""
-    state: str = ""
-    pictures: Sequence[Picture] = ()
-    results: Sequence[Any] = ()
-    more: Any = field(default_factory=dict)
-    source: Path | None = None
+    lines: Sequence[str]  # the answer in sentences: Z with its interval, the level check
+    table: Table = EMPTY  # the rows behind the answer, of CSV, JSON, pages and a verbose screen
+    brief: Sequence[Mapping[str, Any]] | None = None  # the rows of a screen; default all
+    caption: str = "The answer."  # of the table
+    grids: Sequence[Grid] = ()  # further tables, of JSON, a verbose screen and a page
+    remarks: Sequence[str] = ()  # what the tables rest on, of a verbose screen and a page
+    notes: Sequence[Note | str] = ()  # warnings
+    step: str = ""  # what to do next, one sentence; "" where nothing is to be done
+    state: str = ""  # of the level check: "passes", "inconclusive", "fails" or ""
+    pictures: Sequence[Picture] = ()  # the first is the one that a command draws
+    results: Sequence[Any] = ()  # whose ``choices`` name inputs, versions and the command; those of the first are shown
+    more: Any = field(default_factory=dict)  # values by name for JSON alone; all of JSON where there is no table
+    source: Path | None = None  # file of the result
 
     @property
     def plain(self) -> Any:
@@ -123,12 +99,8 @@ class Answer:
         return self.table if self.brief is None else replace(self.table, rows=self.brief)
 
     def screen(self, verbose: bool = False, warnings: bool = True) -> str:
-        """Text for a terminal: the answer, three warnings and the next step, or all there is.
-
-        Args:
-            verbose: all tables, remarks and warnings.
-            warnings: whether they stand in it; a command writes them to standard error.
-        """
+        """Text for a terminal: the answer, three warnings and the next step, or all there is; a command writes the
+        ``warnings`` to standard error."""
         parts, brief, notes = [self.title, *self.lines], self.on_screen, ordered(self.notes)
         if verbose:
             for grid in self.tables:
@@ -170,15 +142,9 @@ class Answer:
 
 
 def answer_of(result: Any, *others: Any, source: Path | None = None, **about: Any) -> Answer:
-    """Of any result.
+    """Of any result, or several that belong together, such as maps of several heights; a TypeError for what is none.
 
-    Args:
-        result: a result, or a list of those that belong together, such as maps of several heights.
-        others: more of them.
-        source: the file it is from.
-        about: what a kind of result wants to know besides.
-    Raises:
-        TypeError: no result.
+    ``source`` is the file it is from, ``about`` what a kind of result wants to know besides.
     """
     several = [*(result if isinstance(result, (list, tuple)) else [result]), *others]
     first = several[0]

@@ -37,12 +37,8 @@ def draw_pressures(
 ) -> look.Figure:
     """SPL and phase along the wall of the microphones (figures 13, 18).
 
-    Args:
-        waves: of each its name, a curve (x in m, p in Pa) or None, and the places and pressures of the microphones,
-            which are open markers.
-        title: caption.
-        liner: ends of patches, m, in grey.
-        markers: what they are, in the legend.
+    ``waves`` have a name, a curve (x in m, p in Pa) or None, and places and pressures of the microphones, which are
+    open markers, called ``markers`` in the legend; ``liner``: ends of patches, m, in grey.
     """
     figure, axes = look.panels_of(2, 3.2)
     for axis, label in zip(axes, (look.SPL, "phase (degrees)"), strict=True):
@@ -81,11 +77,8 @@ def draw_lines(
     labels: Sequence[str] | None = None,
     axes: Any = None,
 ) -> look.Figure:
-    """Resistance and reactance along the line (figures 10, 11).
-
-    Area: three standard deviations over the segments, as in the paper. Dark band: the statistical interval of the mean.
-    Crosses: stations that do not count in averages.
-    """
+    """Resistance and reactance along the line (figures 10, 11). Area: three standard deviations over the segments, as
+    in the paper; dark band: the statistical interval of the mean; crosses: stations that do not count in averages."""
     lines, f = [lines] if isinstance(lines, ImpedanceLine) else lines, frequency_index or 0
     before, drawn, known = look.runs_in(axes), list[Row](), bool(torch.isfinite(lines[0].x).all())
     for i, line in enumerate(lines, before):

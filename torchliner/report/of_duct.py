@@ -100,11 +100,8 @@ def _microphones(line: MicrophoneLine) -> list[Row]:
 
 
 def of_line(line: MicrophoneLine) -> Answer:
-    """Of a solved duct, from its line of microphones: what it takes from sound, and whether the mesh is fine enough.
-
-    Raises:
-        ValueError: microphones that were measured: no result, but what one is educed from.
-    """
+    """Of a solved duct, from its line of microphones: what it takes from sound, and whether the mesh is fine enough; a
+    ValueError for microphones that were measured, which are no result."""
     solved, modes = (line.provenance.get(key) for key in ("solved", "plane_mode"))
     if not isinstance(solved, Mapping) or not isinstance(modes, list) or len(modes) != len(line.frequency):
         raise ValueError(

@@ -163,13 +163,8 @@ def of_pressures(
     """Every in situ and microphone method that a record has signals for; the in situ result behind the answer, if any.
 
     A row has method, place, frequency (Hz), impedance and its interval, the file's reference ("true") and the distance
-    to it, the coherence of the two pressures, what two waves leave, and the level of the incident one (dB).
-
-    Args:
-        pair: the two microphones of the two-microphone row.
-        options: ``window``, ``segment``, ``start``, ``allow_short``, ``interval`` of ``in_situ``.
-    Raises:
-        ValueError: losses without a cavity; as ``in_situ`` and ``decompose_waves``.
+    to it, the coherence of the two pressures, what two waves leave, and the level of the incident one (dB). ``pair``:
+    the microphones of the two-microphone row; ``options``: those of ``Tones``.
     """
     rows, notes, points = list[Row](), list[Note | str](), None
     if record.facesheet is not None:

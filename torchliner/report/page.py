@@ -48,11 +48,7 @@ def write_report(result: Any, path: str | Path, *others: Any) -> None:
 
 
 def report_file(path: Path, output: Path) -> Answer:
-    """The page of a file of results, written.
-
-    Raises:
-        ValueError: the file is none, and what it is; a result of another version.
-    """
+    """The page of a file of results, written; a ValueError says what the file is, if it is none."""
     if path.suffix.lower() not in HDF5:
         raise ValueError(f"{path} is no result: a page is made of {', '.join(HDF5)}, or of the folder of a campaign")
     with open_file(path) as file:
@@ -68,12 +64,7 @@ def report_file(path: Path, output: Path) -> Answer:
 
 
 def write_page(answer: Answer, path: str | Path) -> None:
-    """As one file, whole or not at all.
-
-    Raises:
-        ImportError: jinja2 or matplotlib is not installed.
-        ValueError, OSError: another ending than .html; as ``written_whole``.
-    """
+    """As one file, whole or not at all."""
     css, template = (Path(__file__).with_name(f"page.{end}").read_text(encoding="utf-8") for end in ("css", "html"))
     environment = require_report().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=shown)
     environment.globals.update(csv=csv_link, svg=svg_link)
@@ -99,11 +90,7 @@ def write_page(answer: Answer, path: str | Path) -> None:
 
 
 def require_report() -> Any:
-    """The module jinja2; asked for before any work.
-
-    Raises:
-        ImportError: it or matplotlib is not installed.
-    """
+    """The module jinja2, asked for before any work; an ImportError where it or matplotlib is not installed."""
     require_matplotlib()
     try:
         import jinja2

@@ -25,14 +25,8 @@ def draw_cases(
     title: str = "R and X of each case with its interval",
     span: tuple[str, complex, complex] | None = None,
 ) -> look.Figure:
-    """A row a case, the first on top: a dot on a bar from ``low`` to ``high``.
-
-    Args:
-        rows: with a name, impedance, low and high (None without an interval), and perhaps ``others``, name and values
-            of further markers.
-        references: lines through all rows.
-        span: name and ends of what is shaded through all rows.
-    """
+    """A row a case, the first on top: a dot on a bar from ``low`` to ``high``, if known; ``others``, names and values,
+    are markers too. Through all rows: ``references`` as lines, name and ends of a shaded ``span``."""
     figure, (axes,) = look.subplots(1, 2, 1.1 + 0.24 * len(rows))
     for axis, (part, label) in zip(axes, look.PARTS, strict=True):
         names = [look.plain_label(row["name"]) for row in rows]
