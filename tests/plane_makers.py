@@ -22,7 +22,7 @@ POINTS = np.stack([np.tile(X, 3), np.full(12, 1e-3), np.repeat(Z, 4)], 1)
 VALUES = np.round(np.random.default_rng(3).normal(size=(9, 12, 3)), 4).astype("f4")
 QUADS = np.array([[i, i + 1, i + 5, i + 4] for row in (0, 4) for i in range(row, row + 3)])
 SI = {"velocity_units": "m/s", "length_units": "m"}
-UP = {"normal": "y"}
+UP, NAMED = {"normal": "y"}, {"variable": "v"}
 Made = tuple[Path, dict[str, Any]]
 
 
@@ -53,17 +53,17 @@ def own(folder: Path, values=VALUES) -> Made:
 
 def netcdf4(folder: Path, values=VALUES, **more) -> Made:
     dataset(values, **more).to_netcdf(folder / "a.data", engine="h5netcdf")
-    return folder / "a.data", {}
+    return folder / "a.data", NAMED
 
 
 def netcdf3(folder: Path, values=VALUES, **more) -> Made:
     dataset(values, **more).to_netcdf(folder / "a.data", engine="scipy")
-    return folder / "a.data", {}
+    return folder / "a.data", NAMED
 
 
 def zarr(folder: Path, values=VALUES, **more) -> Made:
     dataset(values, **more).to_zarr(folder / "a.data", consolidated=False)
-    return folder / "a.data", {}
+    return folder / "a.data", NAMED
 
 
 def hdf5(folder: Path, values=VALUES, order=("time", "z", "x")) -> Made:
@@ -75,7 +75,7 @@ def hdf5(folder: Path, values=VALUES, order=("time", "z", "x")) -> Made:
             file[each].attrs["units"] = data[each].attrs["units"]
         file["time"].make_scale("time")
         file["v"].dims[order.index("time")].attach_scale(file["time"])
-    return folder / "a.data", {"axes": order}
+    return folder / "a.data", NAMED | {"axes": order}
 
 
 def npy(folder: Path, values=VALUES, order=("time", "z", "x")) -> Made:
@@ -86,7 +86,7 @@ def npy(folder: Path, values=VALUES, order=("time", "z", "x")) -> Made:
 def matlab5(folder: Path, values=VALUES, order=("time", "z", "x"), **how) -> Made:
     arrays = {"v": dataset(values, order).v.values, "X_unique": X[None], "Z_unique": Z[None], "note": "text", "f": 7.0}
     savemat(folder / "a.mat", arrays, **how)
-    return folder / "a.mat", SI | {"axes": ",".join(order), "sampling_rate": 1 / STEP}
+    return folder / "a.mat", NAMED | SI | {"axes": ",".join(order), "sampling_rate": 1 / STEP}
 
 
 def packed_matlab5(folder: Path, values=VALUES, **more) -> Made:
@@ -100,7 +100,7 @@ def matlab73(folder: Path, values=VALUES, order=("time", "z", "x")) -> Made:
             file[name] = each.T
     with (folder / "a.mat").open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
-    return folder / "a.mat", SI | {"axes": ",".join(order), "sampling_rate": 1 / STEP}
+    return folder / "a.mat", NAMED | SI | {"axes": ",".join(order), "sampling_rate": 1 / STEP}
 
 
 # Text

@@ -10,7 +10,7 @@ import torch
 from conftest import turbulence
 
 import torchliner as tl
-from torchliner.io.flow_noise import reject_flow_noise
+from torchliner.engine.tones import reject_flow_noise
 from torchliner.io.microphone_file import read_microphones
 from torchliner.records import MicrophoneLine
 

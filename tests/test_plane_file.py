@@ -143,12 +143,12 @@ def test_small_jitter_of_time_is_accepted(tmp_path):
 
 V, T = "a.h5:/wall_normal_velocity", "a.h5:/time"
 BAD = {
-    "no velocity": ({"velocity": None}, r"a.h5 holds no velocity above a wall.*it holds: time"),
+    "no velocity": ({"velocity": None}, r"a.h5:/time has units 's'.* a velocity is needed"),
     "no time": ({"time": None}, rf"{V} has shape .* one axis is time: name all .*and give sampling_ra"),
     "4-D": ({"velocity": np.ones((20, 1, 1, 1))}, r"\(20, 1, 1, 1\).*; \(time, z, x\) or"),
     "other length": ({"velocity": WAVE[:19]}, r"\(19, 6\).* but there are 20 times; .*time first or last"),
     "short": ({"velocity": SQUARE[:19], "dims": ("time", "p")}, r"\(19, 20\) .* but there are 20 times"),
-    "square": ({"velocity": SQUARE}, r"\(20, 20\): first and last axis both fit the 20 .* Attach"),
+    "square": ({"velocity": SQUARE}, r"\(20, 20\) .* there are 20 times.* marked by the dim.* where both fit"),
     "integers": ({"velocity": WAVE.astype(np.int16)}, f"{V} is int16; floating-point m/s"),
     "complex": ({"velocity": WAVE + 0j}, f"{V} is complex128; floating-point m/s"),
     "no units": ({"units": None}, f"{V} has no units attribute; set it to one of m/s, "),
@@ -165,7 +165,10 @@ BAD = {
     "frequencies": ({"frequency": ([1e3, 2e3], "Hz")}, r"/frequency has shape \(2,\); one number"),
     "height": ({"height": (0.0, "m")}, f"{V}: height is 0 m"),
     "density": ({"density": (-1.0, "kg/m3")}, r"a.h5:/density holds -1 kg/m3, which is no density"),
-    "reference": ({"reference_a_resistance": (1.0, "1")}, "a.h5:/reference_a_resistance stands without the other part"),
+    "reference": (
+        {"reference_a_resistance": (1.0, "1")},
+        "a.h5:/reference_a_resistance and its other part are .*nan if missing",
+    ),
 }
 
 

@@ -15,7 +15,7 @@ import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.io.plane_parts import join_planes, select
 
-RATE = 50e3
+RATE, V = 50e3, "wall_normal_velocity"
 WHOLE = make_plane(samples=60, x=[0.0, 0.001, 0.002, 0.003], z=[0.0, 0.01, 0.02], start=0.5)
 
 
@@ -66,7 +66,7 @@ def test_an_overlap_must_agree_and_is_said(tmp_path):
     assert torch.equal(found.velocity, WHOLE.velocity)
     other = piece(25, 60)
     other.velocity[1, 2, 3] += 0.25
-    with pytest.raises(ValueError, match=r"share 5 samples .* up to 0.25 m/s, most at sample 3"):
+    with pytest.raises(ValueError, match=r"share 5 samples .* up to 0.25 m/s"):
         join_planes([piece(0, 30), other])
     hole = piece(25, 60)
     hole.velocity[1, 2, 3] = torch.nan
@@ -85,9 +85,9 @@ def dated(path, low, high, units, first):
     with h5py.File(path, "w") as file:
         file["time"] = first + np.arange(high - low) * (1_000_000 if units.startswith("ns") else 1e-3)
         file["time"].make_scale("time")
-        file["v"] = WHOLE.velocity[..., low:high].movedim(-1, 0).numpy()
-        file["v"].dims[0].attach_scale(file["time"])
-        file["v"].attrs["units"] = "m/s"
+        file[V] = WHOLE.velocity[..., low:high].movedim(-1, 0).numpy()
+        file[V].dims[0].attach_scale(file["time"])
+        file[V].attrs["units"] = "m/s"
         file["time"].attrs["units"] = units
     return path
 
@@ -127,58 +127,34 @@ def test_other_probes_and_a_glob_of_nothing(tmp_path):
     with pytest.raises(ValueError, match=r"shapes \(3, 4\) and \(2,\)"):
         join_planes([WHOLE, make_plane((2,), 60, start=0.7)])
     files(tmp_path, [(0, 60)])
-    with pytest.raises(FileNotFoundError, match=r"ran_\*.h5: no file matches; .* holds run_9.h5"):
+    with pytest.raises(FileNotFoundError, match=r"ran_\*.h5: no file matches"):
         tl.read_plane(tmp_path / "ran_*.h5")
 
 
 @settings(max_examples=25)
-@given(st.integers(0, 59), st.integers(1, 60), st.integers(1, 7), st.booleans())
-def test_a_stretch_of_time_is_that_of_the_array(tmp_path_factory, low, length, every, lazy):
-    """start, stop and every, in memory and in the file, on the clock of the data."""
+@given(st.integers(0, 59), st.integers(1, 60), st.booleans())
+def test_a_stretch_of_time_is_that_of_the_array(tmp_path_factory, low, length, lazy):
+    """start and stop, in memory and in the file, on the clock of the data."""
     path = tmp_path_factory.getbasetemp() / "whole.h5"
     if not path.exists():
-        WHOLE.write(path)
+        replace(WHOLE, streamwise=WHOLE.velocity + 1).write(path)
     high = min(60, low + length)
     times = {"start": 0.5 + low / RATE, "stop": 0.5 + high / RATE}
-    found = tl.read_plane(path, lazy, **times, every=every)
-    wanted = WHOLE.velocity[..., low:high:every]
-    assert torch.equal(found.load().velocity, wanted)
+    found = tl.read_plane(path, lazy, **times).load()
+    wanted = WHOLE.velocity[..., low:high]
+    assert torch.equal(found.velocity, wanted)
+    assert torch.equal(found.streamwise, wanted + 1)
     assert found.start == pytest.approx(0.5 + low / RATE)
-    assert found.sampling_rate == pytest.approx(RATE / every)
-    assert torch.equal(select(WHOLE, **times, every=every).velocity, wanted)
+    assert torch.equal(select(WHOLE, **times).velocity, wanted)
 
 
-@pytest.mark.parametrize("lazy", [False, True])
-def test_a_region_keeps_rows_and_columns(tmp_path, lazy):
-    replace(WHOLE, streamwise=WHOLE.velocity + 1).write(tmp_path / "a.h5")
-    found = tl.read_plane(tmp_path / "a.h5", lazy, region="0.0005:0.0025,:0.01")
-    assert torch.equal(found.load().velocity, WHOLE.velocity[:2, 1:3])
-    assert torch.equal(found.load().streamwise, WHOLE.velocity[:2, 1:3] + 1)
-    assert (found.x.tolist(), found.z.tolist()) == ([0.001, 0.002], [0.0, 0.01])
-    assert found.provenance["selected"] == {"region": "0.0005:0.0025,:0.01"}
-    dots = make_plane((3,), 20, x=[0.3, 0.1, 0.2], z=[0.0, 0.0, 0.5], area=[1.0, 2.0, 3.0])
-    some = select(dots, region=[(0.15, None), (0.1, None)])
-    assert torch.equal(some.velocity, dots.velocity[2:])
-    assert some.area.tolist() == [3.0]
-
-
-WRONG = [
-    ({"start": 0.7}, r"no sample from 0.7 to inf s; it runs from 0.5 to 0.50118 s"),
-    ({"stop": 0.4}, r"no sample from 0.5 to 0.4 s"),
-    ({"every": 0}, "every is 0; keep every n-th sample"),
-    ({"region": "1:2"}, r"no probe in the region 1:2; it has x from 0 to 0.003 m"),
-    ({"region": "2"}, r"region '2' cannot be read; write X0:X1"),
-    ({"region": "2:1"}, "region '2:1' is upside down: 2 is above 1"),
-    ({"region": "0:1,0:1,0:1"}, "cannot be read; write X0:X1"),
-    ({"region": "a:b"}, "cannot be read"),
-    ({"region": "0:1", "plane": make_plane()}, "states no x, so that no region of it is known"),
-]
-
-
-@pytest.mark.parametrize(("what", "message"), WRONG)
-def test_what_selects_nothing_is_refused(what, message):
-    with pytest.raises(ValueError, match=message):
-        select(what.get("plane", WHOLE), **{key: value for key, value in what.items() if key != "plane"})
+def test_a_stretch_without_samples_is_refused():
+    for times, message in (
+        ({"start": 0.7}, "0.7 to inf s; it runs from 0.5 to 0.50118 s"),
+        ({"stop": 0.4}, "0.5 to 0.4 s"),
+    ):
+        with pytest.raises(ValueError, match=f"no sample from {message}"):
+            select(WHOLE, **times)
 
 
 def test_all_that_has_a_unit_is_scaled(tmp_path):
@@ -202,9 +178,8 @@ def test_a_level_is_not_that_of_other_velocities():
 
 def test_convert_takes_any_format(tmp_path, capsys):
     pattern, out = files(tmp_path, [(0, 20), (20, 60)]), tmp_path / "out.h5"
-    part = "--start 0.5002 --every 2 --region 0.0005:0.0025 --quiet".split()
-    assert main(["convert", pattern, "-o", str(out), *part]) == 0
-    assert torch.equal(tl.read_plane(out).velocity, WHOLE.velocity[:, 1:3, 10::2])
+    assert main(["convert", pattern, "-o", str(out), "--start", "0.5002", "--quiet"]) == 0
+    assert torch.equal(tl.read_plane(out).velocity, WHOLE.velocity[..., 10:])
     capsys.readouterr()
     assert main(["info", pattern, "--json"]) == 0
     assert '"format": "HDF5 or netCDF-4"' in capsys.readouterr().out

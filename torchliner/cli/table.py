@@ -47,9 +47,9 @@ def choices(wanted: str) -> Of:
     return Of(CHOICES, wanted, "choices")
 
 
-STATED = "variable group axes velocity_units length_units sampling_rate normal row wall_normal_component x z points "
+STATED = "variable group axes velocity_units length_units sampling_rate normal wall_normal_component x z points "
 READING = (
-    Of("io.planes:read_plane", "start stop every region", "part of the data", to="reading"),
+    Of("io.planes:read_plane", "start stop", "part of the data", to="reading"),
     Of("io.plane_format:PlaneRequest", f"{STATED}overlap", "missing metadata", to="reading"),
 )
 ANY = "of any format, or moments; 'run_*.nc' joins restarts"

@@ -1,4 +1,4 @@
-"""Planes from HDF5, netCDF, datasets of xarray, zarr, which xarray opens, and arrays of .npy and MATLAB.
+"""Planes from HDF5, netCDF, zarr, arrays of .npy and MATLAB, and datasets of xarray, which opens zarr.
 
 All are read by slabs where they lie, as they are stored. MATLAB files may hold X_unique, Y_unique, Z_unique, the
 coordinates of the axes x, y and z.
@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from scipy.io import loadmat, netcdf_file
 
-from torchliner.file_checks import DAMAGE, naming, require_memory, require_regular
+from torchliner.file_checks import naming, require_memory, require_regular
 from torchliner.io.hdf5 import PLAIN, Packing, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import require_velocity
@@ -25,16 +25,12 @@ from torchliner.io.variables import Field, Source, hdf5_source
 from torchliner.names import ARRAY_ENDINGS, did_you_mean
 from torchliner.records import VelocityPlane
 
-# What netCDF-3's library writes into records that nobody writes, unless told otherwise; bytes it leaves.
+# What netCDF-3's library writes into records that nobody writes, unless told otherwise.
 FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
 ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 CLASSIC, NUMPY = (b"CDF\1", b"CDF\2"), b"\x93NUMPY"  # netCDF-3, version 2 with large offsets
-TAKES = ("variable", "group", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "row")
-WITHOUT_GROUP = tuple(each for each in TAKES if each != "group")
-
-
-# Files of variables: HDF5, netCDF, MATLAB, numpy
+TAKES = ("variable", "axes", "velocity_units", "length_units", "sampling_rate", "normal")
 
 
 def _whole(path: Path, kind: str, read: Callable[..., Any], **options: Any) -> Any:
@@ -53,12 +49,9 @@ def npy_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _classic(path: Path) -> Any:
-    """A netCDF-3 file, mapped; an OSError where it ends before its values do."""
-    try:
-        with path.open("rb") as raw:  # the map stays
-            file: Any = netcdf_file(raw, "r", mmap=True)
-    except (ValueError, TypeError, *DAMAGE) as error:
-        raise OSError(f"{path} is truncated, or its header is damaged: it names what is beyond the end") from error
+    """A netCDF-3 file, mapped."""
+    with path.open("rb") as raw:  # the map stays
+        file = _whole(path, "netCDF-3", lambda _: netcdf_file(raw, "r", mmap=True))
     file._mm_buf = None  # the arrays hold the map, of which closing would warn
     return file
 
@@ -68,28 +61,26 @@ def classic_arrays(path: Path) -> dict[str, np.ndarray]:
     return {name: each.data for name, each in _classic(path).variables.items()}
 
 
-def _classic_source(path: Path) -> Source:
-    """Values that nobody wrote are marked as missing."""
-    file, fields = _classic(path), {}
-    for name, each in file.variables.items():
-        attrs, kind = dict(each._attributes), each.data.dtype.str[1:]
-        if kind in FILLS and "_Unsigned" not in attrs:  # of which it lies in the middle
-            attrs.setdefault("_FillValue", each.data.dtype.type(FILLS[kind]))
-        fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, tuple(f"/{dim}" for dim in each.dimensions))
-    return Source(path, fields, file._attributes, partial(classic_arrays, path))
-
-
 @contextmanager
 def open_source(path: Path) -> Iterator[Source]:
-    """What a file of variables holds, while it is open: by its content HDF5, netCDF-3 or .npy, else MATLAB before v7.3,
-    which is read whole."""
+    """What a file of variables, or a zarr store, holds, while it is open: by its content HDF5, netCDF-3 or .npy, else
+    MATLAB before v7.3, which is read whole."""
+    if path.is_dir():
+        yield source_of(_open_store(path), path)
+        return
     with path.open("rb") as file:
         head = file.read(8)
     if h5py.is_hdf5(path):
         with open_file(path) as hdf:
             yield hdf5_source(hdf, path)
     elif head.startswith(CLASSIC):
-        yield _classic_source(path)
+        file, fields = _classic(path), {}
+        for name, each in file.variables.items():
+            attrs, dims = dict(each._attributes), tuple(f"/{dim}" for dim in each.dimensions)
+            if fill := FILLS.get(each.data.dtype.str[1:]):
+                attrs.setdefault("_FillValue", each.data.dtype.type(fill))
+            fields[f"/{name}"] = Field(each.data, path, f"/{name}", attrs, dims)
+        yield Source(path, fields, file._attributes, partial(classic_arrays, path))
     else:
         opens = partial(npy_arrays, path)
         if not head.startswith(NUMPY) and path.suffix.lower() != ".npy":
@@ -108,7 +99,10 @@ def open_variables(path: Path, request: PlaneRequest, arrays: bool = False) -> V
             source = replace(source, fields={name: each for name, each in source.fields.items() if each.size > 1})
             if h5py.is_hdf5(path) and request.axis_names is not None:
                 request = replace(request, axes=request.axis_names[::-1])
-        return to_plane(source, request)
+        plane = to_plane(source, request)
+    if path.is_dir():
+        _require_written(path, plane.velocity.key, plane.velocity.packing)
+    return plane
 
 
 def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
@@ -126,11 +120,8 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
             raise ValueError(f"{path} holds {held}; name the one meant")
         found = arrays.get(next(iter(arrays)) if variable is None or "" in arrays else variable)
         if found is None:
-            raise ValueError(
-                f"{path} has no variable {variable!r}{did_you_mean(str(variable), [*arrays])}; it holds {held}"
-            )
-        if found.array.dtype.kind not in "fiu":
-            raise ValueError(f"{path}: {variable or 'the array'} is {found.array.dtype}, not real numbers")
+            near = did_you_mean(str(variable), [*arrays])
+            raise ValueError(f"{path} has no variable {variable!r}{near}; it holds {held}")
         values = found.values()
         return values.T if ending == ".mat" and h5py.is_hdf5(path) else values
 
@@ -168,7 +159,7 @@ def source_of(data: Any, path: Path) -> Source:
     return Source(path, fields, data.attrs, partial(getattr, data, "variables"))
 
 
-def open_store(path: Path, group: str | None) -> Any:
+def _open_store(path: Path) -> Any:
     """The dataset of a zarr store, as it is stored; an OSError where a part of it is a pipe or a device."""
     try:
         import xarray
@@ -178,27 +169,28 @@ def open_store(path: Path, group: str | None) -> Any:
     for each in path.rglob("*"):
         if not each.is_dir():
             require_regular(each)
-    data = xarray.open_dataset(path, engine="zarr", group=group, chunks=None, decode_cf=False, consolidated=False)
+    data = xarray.open_dataset(path, engine="zarr", chunks=None, decode_cf=False, consolidated=False)
     if not (path / ZARR[0]).is_file():
         # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
         for variable in data.variables.values():
             if variable.attrs.get("_FillValue") == 0 and not {"scale_factor", "add_offset"} & set(variable.attrs):
                 del variable.attrs["_FillValue"]
+    for name in set(data.dims) & set(data.variables):
+        _require_written(path, str(name))
     return data
 
 
-def require_written(path: Path, group: str | None, name: str, packing: Packing = PLAIN) -> None:
+def _require_written(path: Path, name: str, packing: Packing = PLAIN) -> None:
     """Refuse an array of a store whose chunks are not all there, and would read as numbers: not as marks of what is
     missing, by its packing."""
     import zarr
 
-    folder = path / (group or "").strip("/") / name
-    array = zarr.open_array(folder, mode="r")
+    array = zarr.open_array(path / name, mode="r")
     fill = 0 if array.fill_value is None else array.fill_value
     if array.size < 2 or np.isnan(packing.unpack(np.full(1, fill), np.float64)).all():
         return  # one single value may be the fill value, which zarr leaves out
     # ``nchunks_initialized`` takes the square of their number.
-    there = sum(each.is_file() and not each.name.startswith((".z", "zarr.json")) for each in folder.rglob("*"))
+    there = sum(each.is_file() and not each.name.startswith((".z", "zarr.json")) for each in (path / name).rglob("*"))
     wanted = math.prod(-(-n // c) for n, c in zip(array.shape, array.shards or array.chunks, strict=True))
     if there < wanted:
         raise ValueError(
@@ -207,36 +199,17 @@ def require_written(path: Path, group: str | None, name: str, packing: Packing =
         )
 
 
-def open_zarr(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a zarr store; as ``open_store``, ``to_plane`` and ``require_written``."""
-    group = request.group
-    data = open_store(path, group)
-    for name in set(data.dims) & set(data.variables):
-        require_written(path, group, str(name))
-    plane = to_plane(source_of(data, path), replace(request, group=None))
-    require_written(path, group, plane.velocity.key, plane.velocity.packing)
-    return plane
-
-
-HDF5 = PlaneFormat(
-    "HDF5 or netCDF-4",
-    lambda _, head: head.startswith(HDF5_SIGNATURE),
-    open_variables,
-    TAKES,
-)
-NETCDF3 = PlaneFormat("netCDF-3", lambda _, head: head.startswith(CLASSIC), open_variables, WITHOUT_GROUP)
+HDF5 = PlaneFormat("HDF5 or netCDF-4", lambda _, head: head.startswith(HDF5_SIGNATURE), open_variables, TAKES)
+NETCDF3 = PlaneFormat("netCDF-3", lambda _, head: head.startswith(CLASSIC), open_variables, TAKES)
 MATLAB_FORMAT = PlaneFormat(
     "MATLAB",
     lambda path, head: head.startswith(MATLAB) or (head[:8] == HDF5_SIGNATURE and path.suffix.lower() == ".mat"),
     partial(open_variables, arrays=True),
-    WITHOUT_GROUP,
+    TAKES,
 )
 NPY_FORMAT = PlaneFormat(
-    "numpy",
-    lambda _, head: head.startswith(NUMPY),
-    partial(open_variables, arrays=True),
-    tuple(each for each in WITHOUT_GROUP if each != "variable"),
+    "numpy", lambda _, head: head.startswith(NUMPY), partial(open_variables, arrays=True), TAKES[1:]
 )
 STORE = PlaneFormat(
-    "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_zarr, TAKES
+    "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_variables, TAKES
 )

@@ -1,17 +1,13 @@
 """Text of numbers in rows, read once: time histories, rows `time p1 p2 ...` of one variable, and where the points are.
 
-Points stand in lines of the heading, one for each coordinate, or in a list of their own, which may begin with a line
-`length_unit = m` and one with the names of its columns. Cells are parted by blanks, tabs, commas or semicolons; then
-the decimal mark may be a comma.
+Points stand in lines of the heading, one for each coordinate, `# x, 0.1, 0.2, ...`, or in a list of their own, which
+may begin with a line `length_unit = m` and one with the names of its columns.
 """
 
-import io
-import math
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -19,141 +15,110 @@ import numpy as np
 
 from torchliner.checks import tell
 from torchliner.file_checks import Unwritten, require_memory, require_regular
-from torchliner.io.clocks import clock_of
-from torchliner.io.foreign import read_array
-from torchliner.io.plane_format import Imported, PlaneFormat, PlaneRequest, room
-from torchliner.io.points import AXES, component_of, place, require_velocity, stated_factor
-from torchliner.names import ARRAY_ENDINGS
+from torchliner.io.plane_format import Imported, PlaneFormat, PlaneRequest, clock_of
+from torchliner.io.points import AXES, place, require_direction, require_velocity, stated_factor
 from torchliner.records import VelocityPlane
 from torchliner.text_columns import number_of
 from torchliner.units import si_factor
 
-BLOCK = 1 << 24  # bytes parsed at a time
-SPACES = bytes.maketrans(b"(){}\t\r,;", b" " * 8)
-COMMAS = bytes.maketrans(b"(){}\t\r,;", b" " * 6 + b". ")  # decimal commas
-SAMPLE = 1 << 16  # bytes of rows that the decimal mark is looked for in
-BOM = b"\xef\xbb\xbf"
-NUMERIC = re.compile(rb"[+-]?(\.?\d|(nan|inf)\b)", re.IGNORECASE)  # how a number begins
-COMMA_CELL = re.compile(rb"[+-]?(\d+(,\d+)?([eE][+-]?\d+)?|nan|inf)", re.IGNORECASE)
-Rows = tuple[np.ndarray, float, np.ndarray]
+BLANK = str.maketrans("(){}", "    ")
+NUMERIC = re.compile(r"\s*[+-]?(\.?\d|(nan|inf)\b)", re.IGNORECASE)  # how a row begins
 UNIT = re.compile(r"(length|velocity)_unit\w*\s*[=:]?\s*(\S+)", re.IGNORECASE)
 COORDINATE = re.compile(r"([xyz])\s*(?:\[(.*?)\]|\((.*?)\))?\s*[,;:=\s]\s*(.*)", re.IGNORECASE)  # `x [mm], 0.1, 0.2`
-LABEL = re.compile(r"([A-Za-z]\w*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")
-NO_PROBE = re.compile(r"(iter(ation)?s?|(time ?)?steps?|cycles?|frames?)\b.*|.*:(\d|magnitude)", re.IGNORECASE)
-INDEX = re.compile(r"(index|unnamed.*)?", re.IGNORECASE)  # of a table of pandas
-NUMBER = r"[-+]?(\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?"  # of digits that can be read in one way alone
-TRIPLE = re.compile(rf"\(({NUMBER}[\s,;]+){{2}}{NUMBER}\)", re.IGNORECASE)
-Labels = list[tuple[str, str]]  # names and units
+LABEL = re.compile(r"(\w[^\s,;\[(]*)\s*(?:\[([^\]]*)\]|\(([^)]*)\))?")  # `p1 [m/s]`
+TAKES = ("variable", "velocity_units", "length_units", "sampling_rate", "normal", "points")
 
 
 @dataclass(frozen=True)
 class TextFile:
-    """What stands before the rows of a file: its lines, the byte of the first row, what becomes a blank or a point
-    before numbers are read, and how many numbers the first row has."""
+    """What stands before the rows of a file, what parts their cells, None for blanks, and how many a row has."""
 
     path: Path
     heading: tuple[str, ...]
-    begin: int
-    marks: bytes
+    separator: str | None
     width: int
 
-    def rows(self, time: int, columns: Sequence[int], kind: Any = np.float32, whole: bool = False) -> Rows:
-        """Columns of all rows: times, float64, (T,); one in their last digit, at worst; values of a ``kind``, (T, C).
+    def rows(self, whole: bool = False) -> np.ndarray:
+        """All rows, (T, width); remarks behind '#' are passed over.
 
-        Lines behind '#' are passed over. A last line without an end, as where a run was broken off, is left out with a
-        DataWarning, unless the file is ``whole``. An OSError where another file has taken its place meanwhile, a
-        ValueError where a row has another width, or a cell is no number.
+        A last line without an end, as where a run was broken off, is left out with a DataWarning, unless the file is
+        ``whole``. A ValueError where a row has another width, or a cell is no number.
         """
-        times, digits, line, rest, count = [np.empty(0)], 0, len(self.heading) + 1, b"", 0
-        before = self.path.stat()
-        size = before.st_size
-        values = room((size // (2 * self.width) + 1, len(columns)), kind)  # a number takes two bytes at least
-        with self.path.open("rb") as file:
-            file.seek(self.begin)
-            while block := file.read(min(BLOCK, size - file.tell())):  # what a run adds meanwhile is not of it
-                block = rest + block
-                end = len(block) if whole and file.tell() == size else block.rfind(b"\n") + 1
-                text, rest = block[:end].translate(self.marks), block[end:]
-                found = parse_rows(text, self.width, f"{self.path}, from line {line}")
-                words = (row.split(None, time + 1) for row in text.split(b"\n"))
-                digits = max([digits, *(digits_of(row[time]) for row in words if row and row[0][:1] != b"#")])
-                times.append(found[:, time].copy())
-                values[count : count + len(found)] = found[:, list(columns)]
-                count += len(found)
-                line += block.count(b"\n")
-        now = self.path.stat()  # a run may add rows, no more
-        if now.st_ino != before.st_ino or now.st_size < size:
-            raise OSError(f"{self.path} was replaced while it was read; read it when it is complete")
-        if rest.strip():
+        require_memory(4 * self.path.stat().st_size, f"{self.path}")  # a number takes two bytes at least
+        cut = ""
+
+        def lines() -> Iterator[str]:
+            nonlocal cut
+            for line in file:
+                if not (whole or line.endswith("\n")):
+                    cut = line.strip()
+                    return
+                yield line.translate(BLANK)
+
+        try:
+            with _open(self.path) as file, warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of no rows
+                found = np.loadtxt(lines(), delimiter=self.separator, skiprows=len(self.heading), ndmin=2)
+        except ValueError as error:
+            said = str(error).partition("; use")[0].rstrip(".")
+            raise ValueError(
+                f"{self.path}: {said}, behind {len(self.heading)} lines of heading; {self.width} numbers a row are "
+                "needed, and '#' before a remark"
+            ) from error
+        if cut:
             tell(
-                f"{self.path}: the last line, {line}, has no end, as where a run was broken off or goes on; it is left "
-                f"out, {count} rows remain",
+                f"{self.path}: the last line has no end, as where a run was broken off or goes on; it is left out, "
+                f"{len(found)} rows remain",
                 depth=2,
             )
-        if not count:
+        if not found.size:
             raise Unwritten(f"{self.path} holds no row of numbers that is whole")
-        stamps = np.concatenate(times)
-        return stamps, last_digit(stamps, digits), values[:count]
+        return found
+
+    def stated(self) -> tuple[dict[str, set[str]], dict[str, np.ndarray], list[tuple[str, str]]]:
+        """What the heading states: units of lengths and velocities, coordinates by axis, and names and units of the
+        columns; a ValueError where a line may be coordinates or data that cannot be read."""
+        units: dict[str, set[str]] = {"length": set(), "velocity": set()}
+        listed: dict[str, np.ndarray] = {}
+        labels: list[tuple[str, str]] = []
+        for number, raw in enumerate(self.heading, 1):
+            line = raw.strip("# \t\r")
+            coordinate, names = COORDINATE.match(line), labels_of(line)
+            values = _numbers(coordinate[4] if coordinate else line)
+            if unit := UNIT.match(line):
+                units[unit[1].lower()].add(unit[2])
+            elif coordinate and np.isfinite(values).any():
+                listed[coordinate[1].lower()] = values
+                units["length"] |= {coordinate[2] or coordinate[3]} - {None}
+            elif any(each.lower() in ("time", "t") for each, _ in names[:2]) or {each for each, _ in names} == {*AXES}:
+                labels = names
+            elif line and (not raw.startswith("#") or np.isfinite(values).sum() >= max(2, self.width - 1)):
+                raise ValueError(
+                    f"{self.path}, line {number} looks like coordinates or data: {line[:60]!r}; write '# x, 0.1, 0.2, "
+                    "...' for each of x, y, z, or state the points (--points FILE), and begin a remark with '#'"
+                )
+        return units, listed, labels
+
+
+def _open(path: Path) -> Any:
+    return path.open(encoding="utf-8-sig", errors="replace")
+
+
+def _separator(line: str) -> str | None:
+    return next((mark for mark in ";\t," if mark in line), None)
 
 
 def open_text(path: Path) -> TextFile:
     """A file of rows, which begin with the first line that begins like a number; a ValueError if there are none."""
     require_regular(path)
     heading: list[str] = []
-    begin = 0
-    with path.open("rb") as file:
+    with _open(path) as file:
         for line in file:
-            require_memory(16 * len(line), f"{path}, line {len(heading) + 1},")
-            mark = len(BOM) if not begin and line.startswith(BOM) else 0
-            words = line[mark:].translate(SPACES).split(None, 1)
-            if words and NUMERIC.match(words[0]):
-                sample = line[mark:] + file.read(SAMPLE)
-                marks = COMMAS if _has_decimal_commas(sample[: sample.rfind(b"\n") + 1]) else SPACES
-                return TextFile(path, tuple(heading), begin + mark, marks, len(line[mark:].translate(marks).split()))
-            begin += len(line)
-            try:
-                heading.append(line.decode("utf-8-sig").rstrip())
-            except UnicodeDecodeError:
-                heading.append(line.decode("latin-1").rstrip())
+            if NUMERIC.match(row := line.translate(BLANK)):
+                return TextFile(path, tuple(heading), _separator(row), len(row.split(_separator(row))))
+            heading.append(line.rstrip())
     bare = [line for line in heading if line and not line.startswith("#")]
     raise (Unwritten if len(bare) < 2 else ValueError)(f"{path} holds no row of numbers that is whole")
-
-
-def parse_rows(text: bytes, width: int, label: str) -> np.ndarray:
-    """Rows of ``width`` numbers parted by blanks, (T, width); a ValueError where a row has others, or a cell is no
-    number."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of no rows, which may be remarks
-            found = np.loadtxt(io.BytesIO(text), ndmin=2, comments="#", encoding="latin-1")
-    except ValueError as error:
-        said = str(error).partition("; use")[0].rstrip(".")
-        raise ValueError(f"{label}: {said}; {width} numbers a row are needed, and '#' before a remark") from error
-    if len(found) and found.shape[1] != width:
-        raise ValueError(f"{label}: rows have {found.shape[1]} numbers; {width} are needed")
-    return found.reshape(-1, width)
-
-
-def _has_decimal_commas(text: bytes) -> bool:
-    """Whether commas are decimal marks: beside semicolons, or where blanks or tabs part cells of which none has a
-    point or more than one comma."""
-    if b"," not in text or b";" in text:
-        return b"," in text
-    cells = text.split()
-    return len(cells) > len(text.splitlines()) and all(map(COMMA_CELL.fullmatch, cells))
-
-
-def digits_of(word: bytes) -> int:
-    """Significant digits of a printed number."""
-    return len(word.lower().partition(b"e")[0].replace(b".", b"").strip(b"+-").lstrip(b"0"))
-
-
-def last_digit(values: np.ndarray, digits: int) -> float:
-    """One in the last digit of the largest of numbers that are printed with so many digits; solvers print six at
-    least, and leave zeros at the end away."""
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
-    power = math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
-    return 10.0 ** (power + 1 - max(6, digits))
 
 
 # Histories
@@ -161,157 +126,100 @@ def last_digit(values: np.ndarray, digits: int) -> float:
 
 def recognises(path: Path, head: bytes) -> bool:
     """Text with a row of two numbers or more, or that begins with a remark or `time`."""
-    if not head or b"\0" in head:
-        return False
-    lines = [line.strip("\ufeff\r ") for line in head.decode("utf-8", "replace").split("\n")]
-    if lines[0].startswith("#") or lines[0].lower().startswith("time"):
-        return True
-    return any(len(row := _cells(line)) > 1 and not np.isnan(row).any() for line in lines)
-
-
-def _cells(line: str) -> list[float]:
-    """Cells of a line as numbers, nan where there is none."""
-    return [number_of(cell) for cell in re.split(r"[\s,;()]+", line.strip(" \t\r,;()"))]
+    lines = [] if b"\0" in head else head.decode("utf-8-sig", "replace").lower().split("\n")
+    rows = (NUMERIC.match(line) and len(line.split(_separator(line.strip()))) > 1 for line in lines)
+    return bool(head) and (any(each.startswith(("#", "time")) for each in lines[:1]) or any(rows))
 
 
 def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of histories; ``points`` is a list of them, text or array. A ValueError as of
-    ``TextFile.rows``, ``clock_of`` and ``place``; where a unit is missing, or there are more points than columns."""
-    text, label = open_text(path), str(path)
-    heading = [line.strip("# \t\r") for line in text.heading]
-    units = {found[1].lower(): found[2] for line in heading if (found := UNIT.match(line))}
-    at, labels = _columns(heading, text.width, path, request)
-    stated = {unit for _, unit in labels[1:]} - {""} or {units.get("velocity", "")} - {""}
-    if len(stated) > 1:
-        raise ValueError(f"{path}: columns are in {', '.join(sorted(stated))}; one unit is needed")
-    factor = stated_factor(request, "velocity", label) if not stated else si_factor("velocity", stated.pop(), label)
-    unit, rate = labels[0][1] if labels else "", request.sampling_rate
+    """The plane of a file of histories; ``points`` is a list of them. A ValueError as of ``rows``, ``clock_of`` and
+    ``place``; where a unit is missing, or a line of the heading cannot be read."""
+    text, rate = open_text(path), request.sampling_rate
+    units, listed, labels = text.stated()
+    at = next((i for i, (name, _) in enumerate(labels) if name.lower() in ("time", "t")), 0)
+    count, unit = text.width - at - 1, labels[at][1] if labels else ""
+    if labels:
+        _require_one_velocity([name for name, _ in labels[at + 1 :]], count, request, path)
     if not unit and rate is None:
         raise ValueError(
             f"{path}: its times have no unit; write 'time [s]' above them, or state sampling_rate=... "
             "(--sampling-rate HZ)"
         )
-    count, name = text.width - at - 1, request.variable or path.stem
-    points = _points_of(heading, count, units.get("length"), request, path)
+    points, order, placed, name = None, np.arange(count), None, request.variable or path.stem
+    require_direction(f"{path}", name, request.normal)
     if request.points is not None:
         points = read_points(Path(request.points), request)
-    order, sign, placed = np.arange(count), -1.0 if (request.normal or "").startswith("-") else 1.0, None
+    elif listed:  # of which the coordinate along the normal may be left out
+        found = {(request.normal or "")[-1:]: np.zeros(count)} | listed
+        for axis in AXES:
+            if len(found.get(axis, ())) != count or not np.isfinite(found[axis]).all():
+                cells = np.isfinite(found.get(axis, np.empty(0)))
+                raise ValueError(
+                    f"{path}: its heading has {cells.sum()} numbers in {len(cells)} cells as {axis} of the points, for "
+                    f"{count} columns of values"
+                )
+        points = np.stack([found[axis] for axis in AXES], 1) * _factor("length", units, request, f"{path}: points")
     if points is not None:
         if len(points) != count:
             raise ValueError(f"{path} has {count} columns of values, its points are {len(points)} ({request.points})")
-        placed = place(points, request, f"{path}:/{name}", component_of(name))
-        order, sign = placed.order, placed.sign
-    time, rounding, values = text.rows(at, (at + 1 + order).tolist())
+        placed = place(points, request, f"{path}:/{name}")
+        order = placed.order
+    units["velocity"] |= {unit for _, unit in labels[at + 1 :]} - {""}
+    factor = _factor("velocity", units, request, f"{path}")
+    rows = text.rows()
     second = si_factor("time", unit, f"{path}: time") if unit else 1.0
-    own, start = clock_of(time * second, f"{path}, time", rate, rounding * second, unit)
-    values *= factor * sign
+    rate, start = clock_of(rows[:, at] * second, f"{path}, time", rate, unit)
+    values = rows[:, at + 1 + order].astype(np.float32)
+    values *= -factor if (request.normal or "").startswith("-") else factor
     if placed is not None:
-        return placed.plane(values, rate or own, start, path, format="time histories")
-    velocity = Imported(values, (count, len(values)), label)
-    return VelocityPlane(velocity, sampling_rate=rate or own, start=start, name=label, title=path.stem)
+        return placed.plane(values, rate, start, path, format="time histories")
+    velocity = Imported(values, (count, len(values)), f"{path}")
+    return VelocityPlane(velocity, sampling_rate=rate, start=start, name=f"{path}", title=path.stem)
 
 
-def _columns(heading: Sequence[str], width: int, path: Path, request: PlaneRequest) -> tuple[int, Labels]:
-    """Which column is time, and name and unit of it and those after it, where a line of the heading names them."""
-    line, labels = "", Labels()
-    for each in heading:
-        found = [(name, a or b) for name, a, b in LABEL.findall(each.lstrip('",; \t'))]
-        if found and found[0][0].lower() in ("time", "t", "index"):
-            line, labels = each, found[found[0][0].lower() == "index" :]
-    mark = next((each for each in "\t;," if each in line), None)
-    names = [each.strip('" ') for each in line.split(mark)] if mark else [name for name, _ in labels]
-    names = names if not mark or names[-1] else names[:-1]
-    at = 1 if mark and INDEX.fullmatch(names[0]) else 0
-    if len(names) != width and (mark or len(names) > 2):
+def _numbers(line: str) -> np.ndarray:
+    """Cells of a line as numbers, nan where there is none."""
+    return np.array([number_of(cell) for cell in re.split(r"[\s,;()]+", line.strip(" \t\r,;()"))])
+
+
+def labels_of(line: str) -> list[tuple[str, str]]:
+    """Name and unit of each column of a line that names them."""
+    mark = _separator(line)
+    cells = [each.strip(' "') for each in line.split(mark)] if mark else [each[0] for each in LABEL.finditer(line)]
+    return [(found[1], found[2] or found[3] or "") if (found := LABEL.match(cell)) else ("", "") for cell in cells]
+
+
+def _require_one_velocity(names: list[str], count: int, request: PlaneRequest, path: Path) -> None:
+    """Refuse columns of values, by their names, that are not probes of one velocity."""
+    stems = {re.sub(r"[\W\d_]+$", "", name): None for name in names}
+    if len(names) != count or len(stems) > 1:
         raise ValueError(
-            f"{path}: its heading names {len(names)} columns, {', '.join(names[:4])} ..., and its first row holds "
-            f"{width} numbers; leave empty columns and an index out, and put decimal commas between semicolons or tabs"
+            f"{path}: its heading names {len(names)} columns behind the time, of {', '.join(stems)}, and its first row "
+            f"has {count}; leave those of the velocity along the wall normal, one a probe"
         )
-    for name in filter(NO_PROBE.fullmatch, names[at + 1 :]):
-        raise ValueError(
-            f"{path}: its column {name!r} is a counter or a component of a vector; leave one column a probe, of the "
-            "velocity along the wall normal"
-        )
-    for stem in dict.fromkeys(re.sub(r"[\W\d_]*([\[(].*)?$", "", name) for name in names[at + 1 :]):
-        if len(stem) > 1:  # p1 and p2 may be probes
-            require_velocity(f"{path}:/{stem}", request)
-    return at, labels
+    if len(stem := "".join(stems)) > 1:  # p1 and p2 may be probes
+        require_velocity(f"{path}:/{stem}", request)
 
 
-def _points_of(
-    heading: Sequence[str], count: int, unit: str | None, request: PlaneRequest, path: Path
-) -> np.ndarray | None:
-    """Points in lines of a heading, one for each coordinate, m; None without. A ValueError where one cannot be read or
-    is missing, or another line has as many numbers in a row as there are columns, or a triple of them in brackets."""
-    lines: dict[str, np.ndarray] = {}
-    for at, line in enumerate(heading, 1):
-        found = COORDINATE.match(line)
-        cells = np.array(_cells(found[4]) if found else [])
-        numbers = int(np.isfinite(cells).sum())
-        if found is None or not numbers:
-            if _lists_points(line, count):
-                raise ValueError(
-                    f"{path}, line {at} looks like coordinates: {line[:60]!r}; write a line for each of x, y, z, as "
-                    "'# x, 0.1, 0.2, ...', or state the points (--points FILE)"
-                )
-            continue
-        if not numbers == len(cells) == count:
-            raise ValueError(
-                f"{path}, line {at} looks like coordinates, but {numbers} of its {len(cells)} cells are numbers, and "
-                f"there are {count} columns of values; mend it, or begin a remark with another word"
-            )
-        lines[found[1].lower()] = cells * _length(found[2] or found[3] or unit, request, path)
-    absent = [axis for axis in AXES if axis not in lines]
-    normal = (request.normal or "").lstrip("+-")
-    if lines and absent and absent != [normal or absent[0]]:
-        raise ValueError(f"{path}: its heading states {', '.join(lines)} of the points, not {', '.join(absent)}")
-    # The coordinate along the normal may be left out.
-    return np.stack([lines.get(axis, np.zeros(count)) for axis in AXES], 1) if lines else None
-
-
-def _lists_points(line: str, count: int) -> bool:
-    """Whether as many numbers stand in a row as there are columns, or three in brackets; but 0, 1, 2, ... and 1, 2, 3,
-    ... are names of columns."""
-    cells = _cells(line)
-    longest = max((len([*run]) for known, run in groupby(cells, lambda cell: cell == cell) if known), default=0)
-    if longest < max(count, 2) and TRIPLE.search(line) is None:
-        return False
-    values = [value for value in cells if value == value]
-    return values[0] not in (0, 1) or values != [values[0] + i for i in range(len(values))]
-
-
-def _length(unit: str | None, request: PlaneRequest, path: Path) -> float:
-    """Factor to m of what a file states, or else the user."""
-    label = f"{path}: points"
-    return si_factor("length", unit, label) if unit else stated_factor(request, "length", label)
+def _factor(quantity: str, units: dict[str, set[str]], request: PlaneRequest, label: str) -> float:
+    """To SI, from what a file states, or else the user."""
+    if len(units[quantity]) > 1:
+        raise ValueError(f"{label} are in {', '.join(sorted(units[quantity]))}; one unit is needed")
+    return si_factor(quantity, *units[quantity], label) if units[quantity] else stated_factor(request, quantity, label)
 
 
 def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
-    """Points of a list, text or an array of .npy, .mat, .h5, m, (N, 3); ``length_units`` and ``axes``, the order of its
-    columns, count where it says none."""
-    axes, units = request.axis_names or list(AXES), set[str]()
-    if path.suffix.lower() in ARRAY_ENDINGS:
-        values = read_array(path).astype(float)
-    else:
-        text = open_text(path)
-        for line in (each.strip("# \t\r") for each in text.heading):
-            named = {word.lower(): a or b for word, a, b in LABEL.findall(line)}
-            if (found := UNIT.match(line)) is not None:
-                units.add(found[2])
-            elif named.keys() >= set("xz"):
-                axes, units = list(named), units | {*named.values()} - {""}
-        _, _, values = text.rows(0, range(text.width), np.float64, whole=True)
-    if values.ndim != 2 or values.shape[1] != len(axes) or sorted(axes) != list(AXES) or len(units) > 1:
+    """Points of a list, m, (N, 3); ``length_units`` counts where it says none."""
+    text = open_text(path)
+    units, _, labels = text.stated()
+    units["length"] |= {unit for _, unit in labels} - {""}
+    axes, values = [name.lower() for name, _ in labels] or list(AXES), text.rows(whole=True)
+    if values.shape[1] != 3 or sorted(axes) != list(AXES):
         raise ValueError(
-            f"{path} has shape {values.shape} and columns {', '.join(axes)} in {', '.join(units)}; one row a point of "
-            "x, y, z in one unit is needed, another order is named above them or by axes=('x', 'z', 'y') (--axes x,z,y)"
+            f"{path} has {values.shape[1]} columns, {', '.join(axes)}; one row a point of x, y, z is needed, another "
+            "order is named above them"
         )
-    return values[:, [axes.index(axis) for axis in AXES]] * _length(next(iter(units), None), request, path)
+    return values[:, [axes.index(axis) for axis in AXES]] * _factor("length", units, request, f"{path}: points")
 
 
-FORMAT = PlaneFormat(
-    "time histories",
-    recognises,
-    open_histories,
-    ("variable", "axes", "velocity_units", "length_units", "sampling_rate", "normal", "points"),
-)
+FORMAT = PlaneFormat("time histories", recognises, open_histories, TAKES)

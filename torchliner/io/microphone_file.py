@@ -14,9 +14,9 @@ import h5py
 import numpy as np
 import torch
 
+from torchliner.engine.tones import reject_flow_noise
 from torchliner.file_checks import naming, require_regular
 from torchliner.fluid import Fluid
-from torchliner.io.flow_noise import reject_flow_noise
 from torchliner.io.foreign import read_array
 from torchliner.io.hdf5 import is_there, open_file, text_attribute
 from torchliner.io.own_file import (

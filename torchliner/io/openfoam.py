@@ -9,19 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from torchliner.checks import tell
-from torchliner.io.clocks import uniform_rate
-from torchliner.io.histories import SPACES, digits_of, last_digit, open_text, parse_rows
-from torchliner.io.plane_format import PlaneFormat, PlaneRequest
+from torchliner.io.histories import open_text
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest, clock_of
 from torchliner.io.plane_parts import join_planes
-from torchliner.io.points import Frame, direction_of, place, plane_of_frames
+from torchliner.io.points import Frame, Frames, column_of, place, plane_of_frames
 from torchliner.io.vtk import read_frame
 from torchliner.records import VelocityPlane
 from torchliner.text_columns import number_of
 
-PROBE = re.compile(r"#\s*Probe\s+(\d+)\s+\(\s*(\S+)\s+(\S+)\s+(\S+)\s*\)(.*)")
+PROBE = re.compile(r"#\s*Probe\s+(\d+)\s+\(\s*(\S+)\s+(\S+)\s+(\S+)\s*\)")
 UNSET = 1e30  # beyond it: what the solver writes where a probe has no cell
-RAW = re.compile(rb"#\s*(\w+)\s+(FACE|POINT)_DATA\s+(\d+)\s*\n#[^\n]*\n")  # `# U  FACE_DATA 4`, `# x y z U_x U_y U_z`
+RAW = re.compile(r"#\s*(\w+)\s+(?:FACE|POINT)_DATA\s+(\d+)$")  # before `# x y z U_x U_y U_z`
 SURFACE = re.compile(r"(?:U_(.+)|(.+)_U)\.raw|(.+)\.(?:vtp|vtk|vtu)")
 
 
@@ -42,8 +40,8 @@ def are_probes(path: Path, head: bytes) -> bool:
 
 
 def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a file of probes, or of all restarts in ``postProcessing/NAME``, which are joined; probes outside
-    the mesh are left out with a DataWarning. Errors as of ``TextFile.rows``, ``uniform_rate``, ``place``."""
+    """The plane of a file of probes, or of all restarts in ``postProcessing/NAME``, which are joined; what the solver
+    writes for probes outside the mesh is nan."""
     if not path.is_dir():
         return _one_run(path, request.variable or path.name, request)
     name = request.variable or "U"
@@ -56,29 +54,20 @@ def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
 
 def _one_run(path: Path, name: str, request: PlaneRequest) -> VelocityPlane:
     text, label = open_text(path), f"{path}:/{name}"
-    found = [match for line in text.heading if (match := PROBE.fullmatch(line.strip()))]
+    found = [match for line in text.heading if (match := PROBE.match(line.strip()))]
     if [int(match[1]) for match in found] != list(range(len(found))) or not found:
         raise ValueError(f"{path}: its heading numbers no probes '# Probe 0 (x y z)' and so on")
     points = np.array([[float(match[i]) for i in (2, 3, 4)] for match in found])
-    outside = [i for i, match in enumerate(found) if "Not Found" in match[5]]
-    probe, (each, rest) = np.delete(np.arange(len(points)), outside), divmod(text.width - 1, len(points))
-    if rest or each not in (1, 3) or not len(probe):
-        raise ValueError(
-            f"{path}: rows have {text.width - 1} values for {len(points)} probes, {len(probe)} of them in the mesh; "
-            "vectors, or one component, are needed"
-        )
-    if outside:
-        tell(
-            f"{label}: probes {', '.join(map(str, outside[:8]))}{' ...' if len(outside) > 8 else ''} lie outside the "
-            f"mesh ('Not Found'): left out, {len(probe)} remain"
-        )
-    placed = place(points[probe], request, label, direction_of(name, request, label) if each == 1 else None)
-    columns = 1 + each * probe[placed.order] + (placed.axis if each == 3 else 0)
-    time, rounding, values = text.rows(0, columns.tolist())
-    values *= placed.sign
+    each, rest = divmod(text.width - 1, len(points))
+    if rest:
+        raise ValueError(f"{path}: rows have {text.width - 1} values for {len(points)} probes")
+    column = column_of(name, each, request, label)
+    placed = place(points, request, label)
+    rows = text.rows()
+    values = rows[:, 1 + each * placed.order + column]
     values[np.abs(values) > UNSET] = np.nan
-    rate = uniform_rate(time, f"{label}, time", rounding)
-    return placed.plane(values, rate, float(time[0]), path, format="OpenFOAM probes")
+    rate, start = clock_of(rows[:, 0], f"{label}, time", None)
+    return placed.plane((placed.sign * values).astype(np.float32), rate, start, path, format="OpenFOAM probes")
 
 
 def surfaces_of(folder: Path) -> dict[str, Path]:
@@ -95,8 +84,7 @@ def are_surfaces(path: Path, head: bytes) -> bool:
 
 
 def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of one surface, ``group`` of several, at all times in ``postProcessing/NAME``; errors as of
-    ``uniform_rate`` and ``plane_of_frames``."""
+    """The plane of one surface, ``group`` of several, at all times in ``postProcessing/NAME``."""
     listed = {folder.name: surfaces_of(folder) for folder in time_folders(path)}
     names = sorted({each for found in listed.values() for each in found})
     group = request.group or ", ".join(names)
@@ -106,25 +94,20 @@ def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:
             f"{path} holds the surfaces {', '.join(names)}; {len(absent)} of {len(listed)} times, "
             f"{', '.join(absent[:3])}, have no surface {group!r}: name one as group (--group) that all have"
         )
-    times = np.array([*map(float, listed)])
-    rounding = last_digit(times, max(digits_of(time.encode()) for time in listed))
-    rate, start = uniform_rate(times, f"{path}, times", rounding), float(times[0])
     files = [found[group] for found in listed.values()]
-    frames = [(file, partial(read_raw if file.suffix == ".raw" else read_frame, file)) for file in files]
-    return plane_of_frames(frames, lambda _: (rate, start), request, path, format=f"OpenFOAM surface {group}")
+    readers = [partial(read_raw if file.suffix == ".raw" else read_frame, file) for file in files]
+    frames: Frames = list(zip(files, readers, map(float, listed), strict=True))
+    return plane_of_frames(frames, request, path, timed=True, si=True, format=f"OpenFOAM surface {group}")
 
 
 def read_raw(path: Path) -> Frame:
     """A file `# U FACE_DATA 4`, `# x y z U_x U_y U_z` and its rows; its points are centres already."""
-    text = path.read_bytes()
-    head = RAW.match(text)
-    if head is None:
-        raise ValueError(f"{path} begins with {text[:30]!r}, not '# U FACE_DATA N'")
-    rows = text[head.end() :].translate(SPACES)
-    table = parse_rows(rows, len(rows.partition(b"\n")[0].split()), str(path))
-    if len(table) != int(head[3]):
-        raise ValueError(f"{path}: {len(table)} rows; {int(head[3])} are needed")
-    return Frame(table[:, :3], {head[1].decode(): (False, table[:, 3:].astype(np.float32))})
+    text = open_text(path)
+    head = RAW.match(text.heading[0])
+    table = text.rows(whole=True)
+    if head is None or len(table) != int(head[2]):
+        raise ValueError(f"{path}: '# U FACE_DATA {len(table)}' is needed, not {text.heading[0]!r}")
+    return Frame({head[1]: (False, table[:, 3:].astype(np.float32))}, lambda _: (table[:, :3], None))
 
 
 PROBES = PlaneFormat("OpenFOAM probes", are_probes, open_probes, ("variable", "normal"))

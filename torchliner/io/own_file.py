@@ -16,10 +16,9 @@ from torchliner import records
 from torchliner.checks import frequency_tensor, type_hints
 from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
-from torchliner.io.clocks import read_times
 from torchliner.io.hdf5 import is_there, open_file, require_stored, text_attribute
 from torchliner.io.own_writer import FLUID_UNITS, REFERENCES, dims_of
-from torchliner.io.variables import Field, coordinate, references_of
+from torchliner.io.variables import Field, coordinate, read_times, references_of
 from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances
 from torchliner.records.case import Case
 from torchliner.records.checked import require_shapes
@@ -279,7 +278,7 @@ _adapter = functools.cache(TypeAdapter)
 
 
 def read_clock(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int, float]:
-    """Sampling rate (Hz), number of samples, and time of the first, s; as ``clocks.read_times``."""
+    """Sampling rate (Hz), number of samples, and time of the first, s; as ``read_times``."""
     return read_times(get_field(group, key, path))[:3]
 
 

@@ -1,8 +1,7 @@
-"""What a format of velocity planes offers, and velocity that stays in its files."""
+"""What formats of velocity planes share: what is asked of them, velocity that stays in its files, clocks."""
 
 import math
 import re
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,10 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.file_checks import machine_memory, require_memory
+from torchliner.checks import require_positive
+from torchliner.file_checks import Unwritten, require_memory
 from torchliner.records.slabs import slab_bounds
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+UNIFORMITY = 0.01  # largest error of a time stamp, in sampling intervals
+SAME_RATE = 0.01  # relative: a rate that is stated, and that of the times
+DIGITS = 6  # of a time that is printed, at least
 
 
 @dataclass(frozen=True)
@@ -23,16 +26,16 @@ class PlaneRequest:
     """What the user states of files whose own words do not say it; None: the file's, or an error.
 
     Args:
-        variable: name of the velocity in the file, or of the vector it is a component of; default the one that fits.
+        variable: name of the velocity in the file, or of the vector it is a component of; default
+            wall_normal_velocity, of vectors U or velocity.
         group: HDF5 group, netCDF group or block; default all.
-        axes: of an array in order: time,z,x or probe,time ...; also y.
+        axes: of an array in order: time,z,x or probe,time ...; y where it runs across the duct.
         velocity_units: m/s, mm/s ..., where the file has none.
         length_units: of coordinates: m, mm ..., where the file has none.
         sampling_rate: Hz, where the file has no times.
         normal: wall-normal direction of vectors and points: "x", "y" or "z", with "-" where the
             liner lies on the positive side (the velocity is then turned away from it); in a
             command ``--normal=-y``.
-        row: which of several heights along an axis of the velocity is taken, from 0.
         wall_normal_component: one value a point, whatever its name, is the velocity along the wall normal.
         x: coordinates along the duct: FILE or FILE:VARIABLE. In Python also an array.
         z: coordinates across the duct, as ``x``.
@@ -48,7 +51,6 @@ class PlaneRequest:
     length_units: str | None = None
     sampling_rate: float | None = None
     normal: str | None = None
-    row: int | None = None
     wall_normal_component: bool | None = None
     x: Any = None
     z: Any = None
@@ -73,11 +75,10 @@ class PlaneFormat:
     """One row of the table of formats, ``names.PLANE_FORMATS``.
 
     Args:
-        name: as messages and ``torchliner info`` call it.
-        recognises: whether a file or folder is of this format, from its path and its first 4096
-            bytes (empty of a folder); by content, not by name; quick, never raises.
+        name: for messages and ``torchliner info``.
+        recognises: from a path and its first 4096 bytes (none of a folder); by content, quick, never raises.
         open: the plane of a path, or of the series that the path stands for.
-        takes: fields of ``PlaneRequest`` that mean something here; others given are refused.
+        takes: fields of ``PlaneRequest`` that mean something here; others are refused.
     """
 
     name: str
@@ -87,11 +88,8 @@ class PlaneFormat:
 
 
 class Stored:
-    """Velocity that is read by slabs; a ``records.StoredVelocity``. A format supplies ``fill``.
-
-    Attributes: ``shape``, (..., T); ``dtype`` of what is read; ``label``, FILE:/variable; ``files``, which must stay as
-    they are while they are read.
-    """
+    """Velocity that is read by slabs, a ``records.StoredVelocity``, (..., T); a format supplies ``fill``. ``files``
+    must stay as they are meanwhile."""
 
     shape: tuple[int, ...]
     dtype: torch.dtype
@@ -123,7 +121,7 @@ class Stored:
 
 @dataclass
 class Imported(Stored):
-    """Velocity that was read once, (T, P), m/s, into memory or a temporary file, from text or one file a frame."""
+    """Velocity that was read once, (T, P), m/s, from text or one file a frame."""
 
     values: np.ndarray = field(repr=False)
     shape: tuple[int, ...]
@@ -137,9 +135,66 @@ class Imported(Stored):
         out.numpy()[:] = self.values[begin:end]
 
 
-def room(shape: tuple[int, ...], kind: Any) -> np.ndarray:
-    """An array to fill: in memory, or in a temporary file where that would take a quarter of it."""
-    if math.prod(shape) * np.dtype(kind).itemsize < machine_memory() / 4:
-        return np.empty(shape, kind)
-    with tempfile.TemporaryFile() as file:  # the map keeps it
-        return np.memmap(file, kind, "w+", shape=shape)
+# Clocks
+
+
+def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
+    """Sampling rate, Hz, of time stamps, s, that are rounded by ``exact``, s; ``name`` is for messages. A ValueError
+    where they are not finite, out of order, or not uniform, or frames are missing."""
+    if not np.isfinite(time).all():
+        raise ValueError(f"{name} holds {int((~np.isfinite(time)).sum())} values not finite")
+    if len(time) < 2:
+        raise Unwritten(f"{name}: there is {len(time)} of them; at least two are needed")
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    error = np.abs(time - (time[0] + step * np.arange(len(time)))).max()
+    if step > 0 and error <= UNIFORMITY * step + min(exact, step / 4):
+        return float(1 / step)
+    steps = np.diff(time)
+    back, usual = int(np.argmin(steps)), float(np.median(steps))
+    if steps[back] == 0:
+        raise ValueError(
+            f"{name}: samples {back} and {back + 1} have the same time, {time[back]:.9g} s: write times with more "
+            "digits (OpenFOAM: timePrecision in controlDict)"
+        )
+    if steps[back] < 0:
+        raise ValueError(
+            f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, after {time[back]:.9g} s; sort "
+            "the frames, or give the runs as files of their own, which are joined"
+        )
+    lost = np.rint(steps / usual).astype(int) - 1
+    if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
+        gap = int((lost > 0).argmax())
+        raise ValueError(
+            f"{name} lacks {int(lost.sum())} frames, the first {lost[gap]} after sample {gap} ({time[gap]:.9g} s); "
+            "restore them, or keep one stretch between the gaps"
+        )
+    raise ValueError(
+        f"{name} is not uniform: stamps are off by up to {error / step:.3g} sampling intervals (limit {UNIFORMITY:g}), "
+        f"most after sample {int(np.abs(steps - step).argmax())}; resample to uniform times first"
+    )
+
+
+def clock_of(
+    time: np.ndarray, name: str, stated: float | None, unit: str = "", exact: float | None = None
+) -> tuple[float, float]:
+    """Sampling rate, Hz, and time of the first of uniform stamps, s, that are rounded by ``exact``, s; by default they
+    were printed.
+
+    A rate that the user has ``stated``, Hz, is that of times without a ``unit``, which count evenly, whatever they
+    count. Of times with a unit it must be the rate, to 1 %, and is it where the stamps cannot tell the two apart.
+    """
+    if exact is None:
+        largest = float(np.nanmax(np.abs(time), initial=0.0))
+        exact = 10.0 ** (math.floor(math.log10(largest)) + 1 - DIGITS) if 0 < largest < math.inf else 0.0
+    found, first = uniform_rate(time, name, exact), float(time[0])
+    if stated is None:
+        return found, first
+    require_positive(f"{name}: sampling_rate (Hz)", stated)
+    if not unit:
+        return stated, first * found / stated
+    if (off := abs(found / stated - 1)) > SAME_RATE:
+        raise ValueError(
+            f"{name}: its times are at {found:.6g} Hz, sampling_rate states {stated:.6g} Hz; leave "
+            f"it out, or correct the unit of the times, {unit}"
+        )
+    return (stated if off * (time[-1] - time[0]) <= 2 * exact else found), first

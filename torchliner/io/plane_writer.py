@@ -30,16 +30,8 @@ REFLECTED = Variable("reflected")
 
 
 def write_plane(plane: VelocityPlane, path: str | Path, *, progress: Callable[[int], Any] | None = None) -> None:
-    """Write a plane, contiguous, as fast as the disk; an old file is replaced only when the new one is whole.
-
-    Args:
-        plane: record, in memory or in its files, which are then read once.
-        path: .h5 or .nc.
-        progress: called with the number of bytes after each slab.
-    Raises:
-        ValueError: a single sample: a file's sampling rate is that of its times.
-        OSError: the disk is full, the folder cannot be written to.
-    """
+    """Write a plane to .h5 or .nc, contiguous, as fast as the disk; an old file is replaced when the new one is whole.
+    ``progress`` is called with the number of bytes after each slab. An OSError where the disk is full."""
     signals = [(row, value) for row in SIGNALS if (value := getattr(plane, row.field)) is not None]
     dims, shape = ("time", *plane.axes["probes"]), (plane.samples, *plane.probe_shape)
     with in_memory() as (buffer, file):
@@ -67,16 +59,9 @@ def write_plane(plane: VelocityPlane, path: str | Path, *, progress: Callable[[i
 def reflected_file(
     path: str | Path, plane: VelocityPlane, incident: Tensor, used: Tensor, choices: dict[str, Any]
 ) -> Iterator[Callable[[Tensor, int], None]]:
-    """netCDF-4 with ``incident`` (time) and ``reflected`` (time, probe), in the same unit.
-
-    A crash leaves the old file, if any, as it was.
-
-    Args:
-        path, plane, incident, choices: what is written.
-        used: probes that were not left out, (P,); the others are written as nan.
-    Yields:
-        ``store(signal, begin)`` for the samples from ``begin`` on, (t, N); columns beyond the probes are averages.
-    """
+    """netCDF-4 with ``incident`` (time) and ``reflected`` (time, probe), in the same unit; nan for probes that are not
+    ``used``, (P,). It yields ``store(signal, begin)`` for the samples from ``begin`` on, (t, N); columns beyond the
+    probes are averages."""
     with in_memory() as (buffer, file):
         write_times(file, plane)
         set_texts(file, schema="torchliner reflected 1", title=plane.title, choices=choices)

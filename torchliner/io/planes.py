@@ -22,7 +22,7 @@ from torchliner.units import si_factor
 HEAD = 4096  # bytes by which a file is recognised
 KNOWN = [each.name for each in fields(PlaneRequest)]
 ANY = ("x", "z", "wall_normal_component", "overlap")  # which every format takes from the user
-OF_READING = (JOINED, "overlaps", "selected", "stated", "restated", "earlier")  # in the provenance
+OF_READING = (JOINED, "overlaps", "selected", "stated", "restated")  # in the provenance
 
 
 def read_plane(
@@ -31,8 +31,6 @@ def read_plane(
     *,
     start: float | None = None,
     stop: float | None = None,
-    every: int = 1,
-    region: Sequence[tuple[float | None, float | None]] | str | None = None,
     **stated: Any,
 ) -> VelocityPlane:
     """Read the velocity plane of a file, of any format of ``names.PLANE_FORMATS``.
@@ -43,12 +41,9 @@ def read_plane(
         lazy: leave the velocity in the file, to be read by slabs as it is used.
         start: s; samples from this time on, on the clock of the file.
         stop: s; samples before this time.
-        every: keep every n-th sample in time.
-        region: probes with x, or x and z, in there, m: "0:0.1" or "0:0.1,-0.01:0.01", a side left
-            out being open. In Python also a pair (low, high) of each.
         stated: what the files do not say themselves, fields of ``io.plane_format.PlaneRequest``:
-            variable, group, axes, velocity_units, length_units, sampling_rate, normal, row,
-            wall_normal_component, x, z, points, overlap.
+            variable, group, axes, velocity_units, length_units, sampling_rate, normal, wall_normal_component,
+            x, z, points, overlap.
     Raises:
         OSError: missing, truncated, unreadable, of no format that is known; a glob that matches nothing.
         TypeError: an option of another name.
@@ -67,7 +62,7 @@ def read_plane(
         if os.path.abspath(each) not in seen:
             planes.append(open_plane(each, request))
             seen.update(os.path.abspath(frame) for frame in series_of(each))
-    plane = select(join_planes(planes, request.overlap or "refuse"), start, stop, every, region)
+    plane = select(join_planes(planes, request.overlap or "refuse"), start, stop)
     return plane if lazy else plane.load()
 
 
@@ -83,9 +78,7 @@ def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
         return [Path(path)]
     matched = sorted(glob.glob(text, recursive=True))
     if not matched:
-        folder = Path(text).parent
-        there = ", ".join(sorted(os.listdir(folder))[:5]) if folder.is_dir() else "nothing"
-        raise FileNotFoundError(f"{text}: no file matches; {folder} holds {there} ...")
+        raise FileNotFoundError(f"{text}: no file matches")
     return [Path(each) for each in matched]
 
 
@@ -118,20 +111,11 @@ def open_plane(path: str | Path, request: PlaneRequest) -> VelocityPlane:
         plane: VelocityPlane = found.open(Path(path), request)
     require_velocity(plane.name, request)
     # What a converted file tells is of the reading before it was written, not of this one.
-    kept = dict(plane.provenance)
-    earlier = {key: kept.pop(key) for key in OF_READING if key in kept}
-    kept |= {"earlier": earlier} if earlier else {}
-    kept |= {"stated": {name: _in_words(value) for name, value in given.items()}} if given else {}
+    kept: dict[str, Any] = {key: value for key, value in plane.provenance.items() if key not in OF_READING}
+    words = {name: str(value) for name, value in given.items() if isinstance(value, str | int | float | os.PathLike)}
+    kept |= {"stated": words} if words else {}
     about = {name: _coordinate(given[name], request.length_units, name) for name in "xz" if name in given}
     return replace(plane, provenance=kept, **about)
-
-
-def _in_words(value: Any) -> Any:
-    """For the provenance; None for arrays."""
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    words = isinstance(value, Sequence) and all(isinstance(each, str) for each in value)
-    return value if words or isinstance(value, int | float) else None
 
 
 def _coordinate(where: Any, unit: str | None, name: str) -> Any:

@@ -5,20 +5,18 @@ The plane's x and z are the two axes along the wall in this order: x and z where
 y and z where it is x.
 """
 
-from __future__ import annotations
-
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from torchliner.checks import tell
 from torchliner.file_checks import Unwritten, naming, require_memory
-from torchliner.io.plane_format import Imported, PlaneRequest, Stored, room
+from torchliner.io.plane_format import Imported, PlaneRequest, Stored, clock_of
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.units import require_plausible, si_factor
@@ -26,15 +24,9 @@ from torchliner.units import require_plausible, si_factor
 AXES = "xyz"
 SAME = 1e-5  # of the largest coordinate: points that agree to the digits of a text
 COMPONENT = re.compile(r"([xyz])[ _.-]?vel(?:ocity)?|(?:u|v|(?:.*[ _])?vel(?:ocity)?)[ _:.[-]*([xyz])]?", re.IGNORECASE)
-VELOCITY = re.compile(r"(?:U|u|v|[Vv]elocity|VELOCITY|vel)(?:[_:]?[xyz])?|[XYZxyz]_?[Vv]elocity")
-OTHERS = re.compile(
-    r"(?:p|rho|t)(?:[ _]?(?:rgh|mean|prime|prime2mean|fluc\w*|rms|0))?|cp|k|nut|omega"
-    r"|.*(?:temperature|density|vorticity)",
-    re.IGNORECASE,
-)
-PRESSURE = re.compile(r"(?:.*[ _-])?(?:static|total|dynamic|mean|acoustic|wall)?[ _-]?press(?:ure)?s?", re.IGNORECASE)
+PRESSURE = re.compile(r"p|.*press(ure)?s?", re.IGNORECASE)
+USUAL = ("U", "u", "velocity", "Velocity", "VELOCITY")  # names of vectors
 Places = tuple[np.ndarray, np.ndarray | None]  # points, (N, 3), and areas of faces
-Read = Callable[[], "Frame"]
 
 # Names and units
 
@@ -46,34 +38,37 @@ def component_of(name: str | None) -> int | None:
 
 
 def require_velocity(label: str, request: PlaneRequest) -> None:
-    """Refuse FILE:/VARIABLE or FILE that names another quantity: a pressure gives an impedance as a velocity does."""
+    """Refuse FILE:/VARIABLE or FILE that names a pressure, which gives an impedance as a velocity does."""
     path, _, name = label.rpartition(":/")
     name = name.rpartition("/")[2] if path else Path(label).stem
-    if not request.wall_normal_component and (PRESSURE.fullmatch(name) or (path and OTHERS.fullmatch(name))):
+    if PRESSURE.fullmatch(name) and not request.wall_normal_component:
         raise ValueError(
             f"{label}: {name!r} names no velocity but another quantity; name the velocity (--variable), or state "
             "wall_normal_component=True (--wall-normal-component) if it is one"
         )
 
 
-def direction_of(name: str, request: PlaneRequest, label: str) -> int | None:
-    """``component_of`` one value a point; where its name tells none, the user must say that it is along the normal."""
+def require_direction(label: str, name: str, normal: str | None) -> None:
+    """Refuse a component that is named along another axis than the normal that the user states."""
     component = component_of(name)
-    if component is None and not request.wall_normal_component:
-        raise ValueError(
-            f"{label} has one value a point, and its name tells no direction: take a vector or a component "
-            "(--variable), or state wall_normal_component=True (--wall-normal-component)"
-        )
-    return component
-
-
-def require_direction(label: str, component: int | None, normal: str | None) -> None:
-    """Refuse a component along another axis than the normal that the user states."""
     if normal and component is not None and AXES[component] != normal[-1]:
         raise ValueError(
             f"{label} is the velocity along {AXES[component]}, but normal is {normal!r}; name the variable of that "
             "direction"
         )
+
+
+def column_of(name: str, values: int, request: PlaneRequest, label: str) -> int:
+    """Which of one or three values a point is along the wall normal. Of one, its name must tell, or the user."""
+    require_direction(label, name, request.normal)
+    if values not in (1, 3):
+        raise ValueError(f"{label} has {values} values a point; a vector, or one component, is needed")
+    if values == 1 and component_of(name) is None and not request.wall_normal_component:
+        raise ValueError(
+            f"{label} has one value a point, and its name tells no direction: take a vector or a component "
+            "(--variable), or state wall_normal_component=True (--wall-normal-component)"
+        )
+    return AXES.index((request.normal or "x")[-1]) if values == 3 else 0
 
 
 def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
@@ -93,48 +88,43 @@ def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
 
 @dataclass(frozen=True)
 class Placed:
-    """Points as probes of a plane: the axis of the wall normal, and -1 where it points towards lower coordinates; the
-    point that each probe is, (P,); the shape of the probes, (z, x) or (P,); x, z (m) and area (m2); the height, m."""
+    """Points as probes of a plane: the point that each probe is, (P,); the shape of the probes, (z, x) or (P,); x, z
+    (m) and area (m2); -1 where the wall normal points towards lower coordinates; facts for the provenance."""
 
     label: str
-    axis: int
-    sign: float
     order: np.ndarray
     shape: tuple[int, ...]
     about: dict[str, Any]
-    height: float
+    sign: float
+    told: dict[str, Any]
 
     def plane(self, velocity: np.ndarray | Stored, rate: float, start: float, path: Path, **told: Any) -> VelocityPlane:
         """The plane of velocities along the normal, m/s: values (T, P) in the order of the probes, or what is stored.
         Its rate is in Hz, its start in s, its title from the path; what is ``told`` goes into the provenance."""
         if isinstance(velocity, np.ndarray):
             velocity = Imported(velocity, (*self.shape, len(velocity)), self.label)
-        told |= {"normal": ("-" if self.sign < 0 else "") + AXES[self.axis], "normal_coordinate": self.height}
-        about = {**self.about, "name": self.label, "title": path.stem, "provenance": told}
+        about = {**self.about, "name": self.label, "title": path.stem, "provenance": {**told, **self.told}}
         return VelocityPlane(velocity, sampling_rate=rate, start=start, **about)
 
 
-def place(
-    points: np.ndarray,
-    request: PlaneRequest,
-    label: str,
-    component: int | None = None,
-    facing: np.ndarray | None = None,
-    area: np.ndarray | None = None,
-) -> Placed:
-    """Where points, m, (N, 3), lie in a plane; those that fill a grid of two rows at least are one.
+def place(points: np.ndarray, request: PlaneRequest, label: str, area: np.ndarray | None = None) -> Placed:
+    """Where points, m, (N, 3), lie in a plane normal to the direction that the user states; those that fill a grid of
+    two rows at least are one. ``area``: m2 for each point, (N,).
 
-    The wall normal is that of the request, else the axis of the ``component`` in the file (None: a vector), else that
-    of the plane in which the points lie, with a DataWarning; ``facing``, (3,), is the normal that the file states.
-    ``area``: m2 for each point, (N,). A ValueError where these do not tell the normal or contradict each other,
-    coordinates are not finite or too large, or points stand one above another.
+    A ValueError where no normal is stated, coordinates are not finite or too large, or points stand one above another.
     """
     if not len(points):
         raise Unwritten(f"{label} has no points")
     if not np.isfinite(points).all():
         raise ValueError(f"{label} has points whose coordinates are not finite")
     require_plausible(points, "length", f"{label}: points")
-    axis, sign = _wall_normal(points, request, label, component, facing)
+    if request.normal is None:
+        extent = " x ".join(f"{length:.4g}" for length in np.ptp(points, axis=0))
+        raise ValueError(
+            f"{label}: the points extend over {extent} m along x, y, z, and the file does not say where the liner is: "
+            "state normal='y' or another (--normal y; --normal=-y where the liner lies above)"
+        )
+    axis = AXES.index(request.normal[-1])
     height = points[:, axis]
     x, z = (points[:, i] for i in range(3) if i != axis)
     near = SAME * max(np.abs(x).max(), np.abs(z).max())
@@ -154,34 +144,8 @@ def place(
     else:
         order, shape = np.arange(len(points)), (len(points),)
     about = {"x": x, "z": z, "area": None if area is None else area[order]}
-    return Placed(label, axis, sign, order, shape, about, float(np.median(height)))
-
-
-def _wall_normal(
-    points: np.ndarray, request: PlaneRequest, label: str, component: int | None, facing: np.ndarray | None
-) -> tuple[int, float]:
-    """Axis of the wall normal, and 1, or -1 where it points towards lower coordinates."""
-    if request.normal is not None:
-        require_direction(label, component, request.normal)
-        return AXES.index(request.normal[-1]), -1.0 if request.normal[0] == "-" else 1.0
-    extent = np.ptp(points, axis=0)
-    flat = np.flatnonzero(extent <= SAME * max(extent.max(), np.abs(points).max()))
-    if component is None and len(flat) != 1:
-        raise ValueError(
-            f"{label}: the points extend over {' x '.join(f'{length:.4g}' for length in extent)} m along x, y, z, "
-            "which tells no wall-normal direction; state normal='y' or another (--normal y; --normal=-y where the "
-            "liner lies above)"
-        )
-    axis = int(flat[0]) if component is None else component
-    sign = -1.0 if facing is not None and facing[axis] < 0 else 1.0
-    side, other = (f"-{AXES[axis]}", f"+{AXES[axis]}")[:: int(-sign)]
-    why = "the variable is named so" if component is not None else "the points lie in a plane"
-    faces = "" if facing is None else " and the surface faces that way"
-    tell(
-        f"{label}: the wall normal is taken as {side}, since {why}{faces}; state normal='{side}' if so, '{other}' if "
-        "the liner lies on the other side"
-    )
-    return axis, sign
+    told = {"normal": request.normal.lstrip("+"), "normal_coordinate": float(np.median(height))}
+    return Placed(label, order, shape, about, -1.0 if request.normal[0] == "-" else 1.0, told)
 
 
 def _levels(values: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
@@ -218,80 +182,60 @@ def centres_of(points: np.ndarray, corners: np.ndarray, ends: np.ndarray, label:
 # Frames
 
 
-@dataclass(frozen=True)
-class Frame:
-    """Values at one time: points, (N, 3); arrays by name, whether they lie on faces, and (N, components); where faces
-    stand, and their areas; what tells, beside points, whether two frames have the same faces; the time stated."""
+class Frame(NamedTuple):
+    """Values at one time: arrays by name, whether they lie on faces, and (N, components); where points, or faces,
+    stand, and areas; the time stated."""
 
-    points: np.ndarray
     arrays: Mapping[str, tuple[bool, np.ndarray]]
-    faces: Callable[[], Places] | None = None
-    corners: tuple[np.ndarray, ...] = ()
+    places: Callable[[bool], Places]
     time: float | None = None
 
-    def pick(self, request: PlaneRequest, label: str) -> str:
-        """Name of the velocity: stated, or that of the only vector or component along the normal called so."""
-        held, name = ", ".join(self.arrays) or "none", request.variable
-        if name is not None and name not in self.arrays:
-            raise ValueError(f"{label} has no variable {name!r}{did_you_mean(name, [*self.arrays])}; it holds {held}")
-        usual = {name: values.shape[1] for name, (_, values) in self.arrays.items() if VELOCITY.fullmatch(name)}
-        along = {None} | ({AXES.index(request.normal[-1])} if request.normal else set())
-        found = [name for name, size in usual.items() if size == 3] or [n for n in usual if component_of(n) in along]
-        if name is None and len(found) != 1:
-            raise ValueError(f"{label} holds {held}; name the velocity (--variable)")
-        return name or found[0]
 
-    def stands_as(self, first: Frame) -> bool:
-        """Whether points, to the digits of text, and faces are those of another, in the same order."""
-        near = SAME * np.abs(first.points).max(initial=0)
-        same = self.points.shape == first.points.shape and (np.abs(self.points - first.points) <= near).all()
-        return bool(same) and all(map(np.array_equal, self.corners, first.corners))
+Frames = list[tuple[Path, Callable[[], Frame], float]]  # files, what reads them, their times or numbers
 
 
 def plane_of_frames(
-    frames: Sequence[tuple[Path, Read]],
-    clock: Callable[[list[float | None]], tuple[float, float]],
-    request: PlaneRequest,
-    path: Path,
-    factor: float = 1.0,
-    length: float = 1.0,
-    **about: Any,
+    frames: Frames, request: PlaneRequest, path: Path, *, timed: bool, si: bool, **about: Any
 ) -> VelocityPlane:
-    """The plane of a series of frames, each a file and a function that reads it, in the order of time; they are read
-    here, one after another.
+    """The plane of a series of frames in the order of time, which are read here, one after another.
 
-    ``clock`` gives sampling rate, Hz, and start, s, from the times that the frames state; ``factor`` and ``length`` are
-    to m/s and m, ``about`` is for the provenance. A ValueError as of ``place``, where there is no velocity or several,
-    or a frame has other points or another order of them.
+    ``timed``: the numbers of the files are times, s, else they count unless the frames state times. ``si``: units are
+    SI. ``about`` is for the provenance. A ValueError as of ``place`` and ``clock_of``; where there is no velocity, a
+    unit or the rate is missing, or a frame has other points or another order of them.
     """
-    file, read = frames[0]
+    file, read, _ = frames[0]
     with naming(file):
         first = read()
-    name = first.pick(request, str(file))
+    factor, length = (1.0 if si else stated_factor(request, each, f"{path}") for each in ("velocity", "length"))
+    if not timed and first.time is None and request.sampling_rate is None:
+        raise ValueError(f"{file} states no time (TimeValue); state sampling_rate=... (--sampling-rate HZ)")
+    name = request.variable or next((each for each in USUAL if each in first.arrays), "")
+    if name not in first.arrays:
+        held, near = ", ".join(first.arrays) or "none", did_you_mean(name, [*first.arrays])
+        raise ValueError(f"{file} has no variable {name!r}{near}; it holds {held}; name the velocity (--variable)")
     label, (on_faces, values) = f"{file}:/{name}", first.arrays[name]
-    if values.shape[1] not in (1, 3):
-        raise ValueError(f"{label} has {values.shape[1]} components; a vector, or one component, is needed")
-    component = direction_of(name, request, label) if values.shape[1] == 1 else None
-    points, area = first.faces() if on_faces and first.faces else (first.points, None)
+    column = column_of(name, values.shape[1], request, label)
+    points, area = first.places(on_faces)
     if len(points) != len(values):
         raise ValueError(f"{label} has {len(values)} values for {len(points)} {'faces' if on_faces else 'points'}")
-    area = None if area is None else area * length**2
-    placed = place(length * points, request, f"{path}:/{name}", component, area=area)
-    column = placed.axis if values.shape[1] == 3 else 0
-    require_memory(8 * len(values), f"{label}: one frame")
-    found, times = room((len(frames), len(values)), np.float64 if values.dtype.itemsize > 4 else np.float32), []
-    for i, (file, read) in enumerate(frames):
+    placed = place(length * points, request, f"{path}:/{name}", None if area is None else area * length**2)
+    kind = np.dtype(np.float64 if values.dtype.itemsize > 4 else np.float32)
+    require_memory(kind.itemsize * len(frames) * len(values), f"{path}, {len(frames)} frames of {len(values)} values,")
+    found, times = np.empty((len(frames), len(values)), kind), []
+    for i, (file, read, number) in enumerate(frames):
         with naming(file):
             frame = read() if i else first
-        there, own = frame.arrays.get(name, (on_faces, values[:0]))
-        if there != on_faces or own.shape != values.shape or not frame.stands_as(first):
-            raise ValueError(
-                f"{file} has {len(own)} values of {name!r}, the first frame, {frames[0][0]}, {len(values)}, or their "
-                "points or faces are others, or in another order: give each stretch of times on its own"
-            )
+            there, own = frame.arrays.get(name, (on_faces, values[:0]))
+            same = there == on_faces and own.shape == values.shape
+            if not same or np.abs(frame.places(on_faces)[0] - points).max() > SAME * np.abs(points).max():
+                raise ValueError(
+                    f"{file} has {len(own)} values of {name!r}, the first frame, {frames[0][0]}, {len(values)}, or "
+                    "their points or faces are others, or in another order: give each stretch of times on its own"
+                )
         found[i] = own[placed.order, column]
-        times.append(frame.time)
+        times.append(number if timed or frame.time is None else frame.time)
     if factor * placed.sign != 1:
         np.multiply(found, factor * placed.sign, out=found, casting="same_kind")
+    rate, start = clock_of(np.array(times), f"{path}, times", request.sampling_rate)
     about |= {"frames": len(frames), "values": "faces" if on_faces else "points"}
-    return placed.plane(found, *clock(times), path, **about)
+    return placed.plane(found, rate, start, path, **about)

@@ -15,12 +15,11 @@ import numpy as np
 import torch
 
 from torchliner.checks import tell
-from torchliner.io.clocks import uniform_rate
 from torchliner.io.foreign import open_source
 from torchliner.io.hdf5 import is_there, open_file
-from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
+from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest, uniform_rate
 from torchliner.io.plane_parts import SelectedVelocity
-from torchliner.io.points import AXES, centres_of, component_of, place
+from torchliner.io.points import Places, centres_of, place, require_direction
 from torchliner.io.variables import VariableVelocity
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
@@ -41,12 +40,8 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
-    """The plane of a measurement; ``variable`` is of ``variable_short_names``, ``group`` of ``face_names``.
-
-    A DataWarning where a tone within 6 kHz is attenuated by more than 1 % in the frames. A ValueError as of ``place``
-    and ``uniform_rate``; where a variable is missing or of another shape, frames are of unequal length, or none of
-    several faces is named.
-    """
+    """The plane of a measurement; ``variable`` is of ``variable_short_names``, ``group`` of ``face_names``. A
+    DataWarning where a tone within 6 kHz is attenuated by more than 1 % in the frames."""
     with open_source(path) as source:
         fields = {name[1:]: each for name, each in source.fields.items()}
         values = fields.pop("measurements")
@@ -56,7 +51,7 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
         if len(scales) < 4 or not (np.isfinite(scales[[0, 3, -1]]) & (scales[[0, 3, -1]] > 0)).all():
             raise ValueError(f"{path}:/lx_scales is {scales}; lengths, velocity and time need at least four, above 0")
         length, velocity, step = float(scales[0]), float(scales[3]), float(scales[-1] * scales[0] / scales[3])
-        points, area, facing = _places(file, length, path)
+        points, area = _places(file, length, path)
         names = _texts(file["variable_short_names"])
         if values.shape[1:] != (len(names), len(points)):
             raise ValueError(
@@ -64,28 +59,23 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
                 f"of variable_short_names and coordinates of {len(points)} points"
             )
         face, chosen = _face(file, request, len(points), path)
-        area, facing = (None if each is None else each[chosen] for each in (area, facing))
-        mean = None if facing is None else facing.sum(0)
-        if mean is not None and np.linalg.norm(mean) < 0.99 * len(chosen):
-            mean = None  # no plane
-        label = f"{path}:/{request.variable or 'measurements'}"
-        placed = place(points[chosen], request, label, component_of(request.variable), mean, area)
-        name = request.variable or f"{AXES[placed.axis]}_velocity"
+        name = request.variable or f"{(request.normal or 'y')[-1]}_velocity"
+        label = f"{path}:/{name}"
+        require_direction(label, name, request.normal)
+        placed = place(points[chosen], request, label, None if area is None else area[chosen])
         if name not in names:
             raise ValueError(f"{path} has no variable {name!r}{did_you_mean(name, names)}; it holds {', '.join(names)}")
-        one = names.index(name)
         rate, start, window = _clock(file, step, values.shape[0], path)
-        part = {1: slice(one, one + 1)}
+        part = {1: slice(names.index(name), names.index(name) + 1)}
         stored = VariableVelocity(values, source.opens, (0, 2), placed.sign * velocity, part)
     stored.label = label
     columns = torch.from_numpy(chosen[placed.order])
     selected = SelectedVelocity(stored, (*placed.shape, values.shape[0]), columns=columns)
-    if 1 - attenuation(HIGHEST, window) > DAMPED:
+    if (kept := attenuation(HIGHEST, window)) < 1 - DAMPED:
         limit = math.sqrt(6 * DAMPED) / (math.pi * window)
-        tones = ", ".join(f"{f:g} Hz {attenuation(f, window):.4f}" for f in (500.0, 1000.0, 2000.0, 4000.0, HIGHEST))
         tell(
             f"{label}: frames are means over {window:.4g} s, which attenuate a tone, and with it |v|, by more than "
-            f"{DAMPED:.0%} above {limit:.4g} Hz: {tones}; measure with shorter means"
+            f"{DAMPED:.0%} above {limit:.4g} Hz, to {kept:.4f} at {HIGHEST:g} Hz; measure with shorter means"
         )
     return placed.plane(selected, rate, start, path, format="PowerFLOW", frame_average=window, face=face)
 
@@ -118,22 +108,20 @@ def _clock(file: Arrays, step: float, frames: int, path: Path) -> tuple[float, f
     return uniform_rate(times, f"{path}, start_time to end_time"), float(times[0]), usual * step
 
 
-def _places(file: Arrays, length: float, path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Points (m), areas (m2) and normals of cells, probes or surfels."""
+def _places(file: Arrays, length: float, path: Path) -> Places:
+    """Points (m), and areas (m2) of surfels."""
     offset = file["csys"][0, 0:3, 3].astype(float)
     if "vertex_coords" not in file:
         points = file["coords"].astype(float)
         if "voxel_scales" in file or path.suffix.lower().startswith(".fn"):  # lower corners of cells
             points = points + 0.5 * 2.0 ** (1 + file["voxel_scales"].astype(float))[:, None]
-        return (points + offset) * length, None, None
+        return (points + offset) * length, None
     first, corners = (_row(file[name], np.int64) for name in ("first_vertex_refs", "vertex_refs"))
     if not len(first) or first[0] != 0 or (np.diff(first) <= 0).any():
         raise ValueError(f"{path}:/first_vertex_refs does not increase from 0; it is damaged")
     vertices = (file["vertex_coords"].astype(float) + offset) * length
     points, area = centres_of(vertices, corners, np.append(first[1:], len(corners)), str(path))
-    if "surfel_area" in file:
-        area = _row(file["surfel_area"]) * length**2
-    return points, area, file["surfel_normal"].astype(float) if "surfel_normal" in file else None
+    return points, _row(file["surfel_area"]) * length**2 if "surfel_area" in file else area
 
 
 def _face(file: Arrays, request: PlaneRequest, count: int, path: Path) -> tuple[str, np.ndarray]:

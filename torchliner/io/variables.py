@@ -1,5 +1,5 @@
-"""Variables of files and datasets, whether h5py, numpy or xarray holds them: values in SI units, coordinates, and
-the velocity that stays where it lies."""
+"""Variables of files and datasets, whether h5py, numpy or xarray holds them: values in SI units, clocks, coordinates,
+and the velocity that stays where it lies."""
 
 import math
 import re
@@ -14,20 +14,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.file_checks import naming, require_memory
+from torchliner.checks import tell
+from torchliner.file_checks import Unwritten, naming, require_memory
 from torchliner.io.hdf5 import (
     PLAIN,
     Packing,
-    fill_of,
     hold_open,
     is_there,
     packing_of,
-    read_values,
-    require_numbers,
     require_stored,
     text_attribute,
 )
-from torchliner.io.plane_format import Stored
+from torchliner.io.plane_format import UNIFORMITY, Stored, clock_of
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 # How netCDF-4 says that a dimension has a length and no coordinates.
@@ -75,19 +73,25 @@ class Field:
         """An attribute as text; None if there is none."""
         return text_attribute(self, key)
 
-    @property
     def packing(self) -> Packing:
-        """How the values are stored."""
-        fill = fill_of(self.array) if isinstance(self.array, h5py.Dataset) else None
+        """How its numbers are stored; a ValueError where they are none, or were never written."""
+        if self.array.dtype.kind not in "fiu":
+            raise ValueError(f"{self.label} is {self.array.dtype}; numbers are needed")
+        fill = None
+        if isinstance(self.array, h5py.Dataset):
+            require_stored(self.array, self.label, self.path)
+            chosen = self.array.id.get_create_plist().fill_value_defined() == h5py.h5d.FILL_VALUE_USER_DEFINED
+            # 0 is chosen by hand for gaps that count as 0.
+            fill = self.array.fillvalue if chosen and self.array.fillvalue != 0 else None
         return packing_of(dict(self.attrs), self.array.dtype, self.label, fill)
 
     def values(self) -> np.ndarray:
-        """All values as they are meant; errors as of ``read_values``."""
-        if isinstance(self.array, h5py.Dataset):
-            return read_values(self.array, self.label, self.path)
-        require_numbers(self.array, self.label)
+        """All values as they are meant, in the byte order of the machine; a ValueError as of ``packing``, or where they
+        do not fit into memory."""
+        packing = self.packing()
+        require_memory(self.size * self.array.dtype.itemsize, f"{self.label}, {self.shape},")
         stored = np.asarray(self.array[()])
-        return self.packing.unpack(stored.astype(stored.dtype.newbyteorder("=")))
+        return packing.unpack(stored.astype(stored.dtype.newbyteorder("="), copy=False))
 
     def factor(self, unit: str, stated: str | None = None) -> float:
         """Factor to an SI unit; ``stated`` by the user, where the file has no units; a ValueError if it has others."""
@@ -128,6 +132,26 @@ def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
     return Field(dataset, Path(path), f"{(group.name or '').rstrip('/')}/{key}", dataset.attrs, axes)
 
 
+def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float]:
+    """Sampling rate, Hz, number of samples, and time of the first, s, since the epoch if there is one; as ``clock_of``,
+    with a DataWarning where single precision tells the rate badly."""
+    name, counts, kind = field.label, field.values(), field.array.dtype
+    if counts.ndim != 1 or len(counts) < 2:
+        raise Unwritten(f"{name} has shape {field.shape}; a list of at least two times is needed")
+    unit, _, epoch = (field.text("units") or "").partition(" since ")
+    factor = si_factor("time", unit or field.text("units"), name) if unit or stated is None else 1.0
+    # Dates are far from their epoch; what counts is how far they are from each other.
+    origin = counts[0] if epoch else 0
+    exact = factor * float(np.spacing(np.abs(counts).max().astype(kind))) if kind.kind == "f" else 0.0
+    rate, first = clock_of(factor * (counts - origin).astype(np.float64), name, stated, unit, exact)
+    if stated is None and exact * rate > UNIFORMITY:
+        tell(
+            f"{name} are {kind}, exact to {exact:.1g} s, {exact * rate:.2g} of a step: the rate, {rate:.9g} Hz, is "
+            f"known to {exact * rate / len(counts):.1g} of itself; write them in float64, or state sampling_rate=..."
+        )
+    return rate, len(counts), first + factor * float(origin)
+
+
 @dataclass(frozen=True)
 class Source:
     """What a file or dataset holds: fields by name, /group/name, attributes, and how it is opened again."""
@@ -159,12 +183,10 @@ def references_of(fields: Fields) -> dict[str, complex]:
     found = {}
     for name, one in fields.items():
         if named := re.fullmatch(r"(/reference_(.*)_)(resistance|reactance)", name):
-            both = [fields[part] for end in ("resistance", "reactance") if (part := named[1] + end) in fields]
-            if len(both) < 2:
-                raise ValueError(f"{one.label} stands without the other part of its impedance; restore or remove it")
-            value = complex(*(each.number("1") for each in both))
+            both = [fields.get(named[1] + end) for end in ("resistance", "reactance")]
+            value = complex(*(math.nan if each is None else each.number("1") for each in both))
             if not np.isfinite(value):
-                raise ValueError(f"{one.label} and its other part are {value}; repair or remove them")
+                raise ValueError(f"{one.label} and its other part are {value}, nan if missing; restore or remove them")
             found[one.text("label") or named[2].replace("_", " ")] = value
     return found
 
@@ -173,15 +195,14 @@ def time_axis(field: Field, samples: int) -> int:
     """0 or -1, from the dimension 'time' or from the lengths; a ValueError where neither or both fit."""
     shape, axes = field.shape, [axis.rpartition("/")[2] for axis in field.axes]
     fits = [i for i in (0, -1) if shape and shape[i] == samples and ("time" not in axes or axes[i] == "time")]
-    if len(shape) > 1 and len(fits) == 2:
-        raise ValueError(
-            f"{field.label} has shape {shape}: first and last axis both fit the {samples} times. Attach the "
-            "dimension scale 'time' to the right one"
-        )
-    if len(shape) not in (1, 2, 3) or not fits or [each for each in axes if each in ("z", "x")] == ["x", "z"]:
+    if (
+        len(fits) != 1 + (len(shape) == 1)
+        or len(shape) > 3
+        or [each for each in axes if each in ("z", "x")] == ["x", "z"]
+    ):
         raise ValueError(
             f"{field.label} has shape {shape} and dimensions {tuple(axes)}, but there are {samples} times; (time, z, x)"
-            " or (time, probe) is needed, time first or last"
+            " or (time, probe) is needed, time first or last, marked by the dimension scale 'time' where both fit"
         )
     return fits[0]
 
@@ -202,27 +223,18 @@ class VariableVelocity(Stored):
     """The velocity of one variable, read by slabs by whoever ``opens`` its file again.
 
     ``order``: its axes, time first, then those of the probes; of axes left out one value is taken. ``factor``: to m/s.
-    ``part``: of the variable by axis, where not all of it is read. A ValueError as of ``require_stored``, or where one
+    ``part``: of the variable by axis, where not all of it is read. A ValueError as of ``Field.packing``, or where one
     sample does not fit into memory.
     """
 
     def __init__(
-        self,
-        each: Field,
-        opens: Opener,
-        order: tuple[int, ...],
-        factor: float,
-        part: dict[int, slice] | None = None,
+        self, each: Field, opens: Opener, order: tuple[int, ...], factor: float, part: dict[int, slice] | None = None
     ) -> None:
-        require_numbers(each.array, each.label)
-        if isinstance(each.array, h5py.Dataset):
-            require_stored(each.array, each.label, each.path)
-        self.path, self.key, self.label, self.packing = each.path, each.name.lstrip("/"), each.label, each.packing
+        self.path, self.key, self.label, self.packing = each.path, each.name.lstrip("/"), each.label, each.packing()
         self.opens, self.order, self.factor, self.part = opens, order, factor, part or {}
         self.shape = (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
-        require_memory(
-            16 * math.prod(self.shape[:-1]), f"{each.label}, {each.shape}: one sample of all probes, read ahead,"
-        )
+        sample = 16 * math.prod(self.shape[:-1])
+        require_memory(sample, f"{each.label}, {each.shape}: one sample of all probes, read ahead,")
         stored = each.array.dtype
         wide = stored.itemsize > (4 if stored.kind == "f" else 2)  # than float32 holds exactly
         self.dtype = torch.float64 if wide else torch.float32

@@ -13,19 +13,14 @@ import h5py
 import numpy as np
 
 from torchliner.file_checks import Unwritten, require_memory, require_regular
-from torchliner.io.clocks import clock_of
 from torchliner.io.hdf5 import is_there, open_file, require_stored
-from torchliner.io.histories import last_digit
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
-from torchliner.io.points import Frame, Places, Read, centres_of, plane_of_frames, stated_factor
+from torchliner.io.points import Frame, Frames, Places, centres_of, plane_of_frames
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import numbered_series
 
 ENDINGS = (".vtp", ".vtk", ".vtu", ".vti", ".vts", ".vtr", ".vtm")
 HEADS = re.compile(rb'# vtk DataFile|[^\0]*<VTKFile|\s*{\s*"file-series-version"|(#.*\s+)*FORMAT\s+type:\s*ensight')
-RINGS = (5, 7, 9)  # VTK's numbers of triangle, polygon, quad: what lies between their corners is a face
-TEXT_DIGITS = 7  # that writers of times give at least
-Frames = list[tuple[Path, Read]]
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -41,30 +36,13 @@ def recognises(path: Path, head: bytes) -> bool:
 
 def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a series of frames: a collection, any of the numbered files, or their folder. ``group`` names the
-    series where a folder has several, or the block; units are always to be stated, the rate where no file has times.
-
-    An ImportError without pyvista. A ValueError as of ``clock_of`` and ``plane_of_frames``; where VTK cannot read a
-    frame, a unit or the rate is missing, there are several series, or fewer than two frames.
-    """
+    series where a folder has several, or the block; units are always to be stated, the rate where no file has times."""
     numbers = _numbered(path, request.group) if path.is_dir() or path.suffix in ENDINGS else {}
-    frames: Frames = [(each, partial(read_frame, each, request.group)) for each in numbers]
-    times: list[float] = []
+    frames: Frames = [(each, partial(read_frame, each, request.group), float(n)) for each, n in numbers.items()]
+    timed = False
     if not numbers:
-        frames, times = _steps(path, request.group)
-    if len(frames) < 2:
-        raise ValueError(
-            f"{path} is one frame; a plane needs the series: numbered files of one name, or a .pvd of them"
-        )
-    first, rate = frames[0][1](), request.sampling_rate
-    factor, length = (stated_factor(request, quantity, f"{path}") for quantity in ("velocity", "length"))
-    if not times and first.time is None and rate is None:
-        raise ValueError(f"{frames[0][0]} states no time (TimeValue); state sampling_rate=... (--sampling-rate HZ)")
-
-    def clock(stated: list[float | None]) -> tuple[float, float]:
-        known = np.array(times or (stated if first.time is not None else [float(n) for n in numbers.values()]), float)
-        return clock_of(known, f"{path}, times", rate, last_digit(known, TEXT_DIGITS))
-
-    return plane_of_frames(frames, clock, request, path, factor, length, format="VTK series")
+        frames, timed = _steps(path, request.group)
+    return plane_of_frames(frames, request, path, timed=timed, si=False, format="VTK series")
 
 
 def _numbered(path: Path, group: str | None) -> dict[Path, Decimal]:
@@ -79,8 +57,8 @@ def _numbered(path: Path, group: str | None) -> dict[Path, Decimal]:
     return files
 
 
-def _steps(path: Path, group: str | None) -> tuple[Frames, list[float]]:
-    """Frames of a file that names several or holds them, collections, EnSight, VTKHDF, and their times."""
+def _steps(path: Path, group: str | None) -> tuple[Frames, bool]:
+    """Frames of a file that names several or holds them, collections, EnSight, VTKHDF, and whether it states times."""
     if h5py.is_hdf5(path):  # of values that were never written HDF5 would give zeros
         with open_file(path) as file:
             if "Steps" not in file["VTKHDF"]:
@@ -90,14 +68,15 @@ def _steps(path: Path, group: str | None) -> tuple[Frames, list[float]]:
                     if isinstance(data, h5py.Dataset):
                         require_stored(data, f"{path}:{data.name}", path)
     reader = _reader(path)
-    times = list(getattr(reader, "time_values", ()))  # VTKHDF states them in each frame
+    times = getattr(reader, "time_values", None)  # VTKHDF states them in each frame
     go = getattr(reader, "set_active_time_point", None) or reader.reader.SetStep
 
     def read(i: int) -> Frame:
         _by_vtk(path, partial(go, i))
         return _frame(reader, path, group)
 
-    return [(path, partial(read, i)) for i in range(len(times) or reader.reader.GetNumberOfSteps())], times
+    steps = times if times is not None else range(reader.reader.GetNumberOfSteps())
+    return [(path, partial(read, i), float(time)) for i, time in enumerate(steps)], times is not None
 
 
 def read_frame(path: Path, group: str | None = None) -> Frame:
@@ -132,8 +111,6 @@ def _by_vtk(path: Path, work: Callable[[], Any]) -> Any:
 
 def _frame(reader: Any, path: Path, group: str | None) -> Frame:
     """What a reader gives, as a frame."""
-    from pyvista import convert_array
-
     mesh = _by_vtk(path, reader.read)
     if hasattr(mesh, "recursive_iterator"):
         blocks = dict(mesh.recursive_iterator("items", skip_none=True, skip_empty=True))
@@ -144,28 +121,26 @@ def _frame(reader: Any, path: Path, group: str | None) -> Frame:
     if not hasattr(mesh, "cell_data"):
         raise ValueError(f"{path} holds {type(mesh).__name__}, no points with values")
     mesh = mesh.copy(deep=False)  # a reader of steps fills the same one again
-    points, first, cells = np.asarray(mesh.points, np.float64), 0, None
-    if hasattr(mesh, "GetPolys"):  # values of vertices and lines stand before those of faces
-        first, cells = mesh.GetNumberOfVerts() + mesh.GetNumberOfLines(), mesh.GetPolys()
-    elif np.isin(getattr(mesh, "celltypes", 0), RINGS).all():
-        cells = mesh.GetCells()
-    corners: tuple[np.ndarray, ...] = ()
-    faces: Callable[[], Places] = partial(_centres, mesh)
-    if cells is not None:
-        corners = (convert_array(cells.GetConnectivityArray()), convert_array(cells.GetOffsetsArray())[1:])
-        faces = partial(centres_of, points, corners[0], corners[1], str(path))
     arrays = {name: (False, _columns(mesh.point_data[name])) for name in mesh.point_data}
-    arrays |= {name: (True, _columns(mesh.cell_data[name])[first:]) for name in mesh.cell_data}
+    arrays |= {name: (True, _columns(mesh.cell_data[name])) for name in mesh.cell_data}
     times = [mesh.field_data[name] for name in mesh.field_data if name.lower() in ("time", "timevalue")]
-    return Frame(points, arrays, faces, corners, float(times[0].flat[0]) if times and times[0].size else None)
+    return Frame(arrays, partial(_places, mesh, path), float(times[0].flat[0]) if times and times[0].size else None)
 
 
 def _columns(values: Any) -> np.ndarray:
     return np.asarray(values).reshape(len(values), -1)
 
 
-def _centres(mesh: Any) -> Places:
-    """Centres of cells of a grid, and areas of those that are flat."""
+def _places(mesh: Any, path: Path, on_faces: bool) -> Places:
+    """Points, or centres of cells and areas of those that are flat."""
+    from pyvista import convert_array
+
+    if not on_faces:
+        return np.asarray(mesh.points, np.float64), None
+    if hasattr(mesh, "GetPolys"):  # VTK's own centres of polygons are not their centroids
+        faces = mesh.GetPolys()
+        corners, ends = (convert_array(each) for each in (faces.GetConnectivityArray(), faces.GetOffsetsArray()))
+        return centres_of(np.asarray(mesh.points, np.float64), corners, ends[1:], str(path))
     area = np.asarray(mesh.compute_cell_sizes(length=False, volume=False).cell_data["Area"], np.float64)
     return np.asarray(mesh.cell_centers().points, np.float64), area if (area > 0).all() else None
 
