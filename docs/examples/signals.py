@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 
 import torchliner as tl
 
-liner, plane = tl.load_liner("lbm_slit"), tl.read_plane("data/slit_n130_y2.5mm.h5", every=8)
+liner, plane = tl.load_liner("lbm_slit"), tl.read_plane("data/slit_n130_y2.5mm.h5")
+plane = replace(plane, velocity=plane.velocity[..., ::8], sampling_rate=plane.sampling_rate / 8)
 frequency = [n / plane.duration for n in (10, 20)]  # lines of the record
 for wave in (
     tl.Tones([1000.0, 1400.0]),

@@ -6,11 +6,14 @@ The same plane with a sweep as the incident wave, whose reflected signal is form
 and by the mean response at each frequency. A sweep meets each frequency once, so it scatters.
 """
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 
 import torchliner as tl
 
-plane = tl.read_plane("../../data/slit_g01_145_y2.5mm.h5", every=8)
+plane = tl.read_plane("../../data/slit_g01_145_y2.5mm.h5")
+plane = replace(plane, velocity=plane.velocity[..., ::8], sampling_rate=plane.sampling_rate / 8)
 liner = tl.load_liner("lbm_slit")
 frequency = [n / plane.duration for n in range(6, 31, 2)]  # lines of the record
 swept = tl.replay(plane, liner, tl.Sweep(300, 3400), frequency)

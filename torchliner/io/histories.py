@@ -127,7 +127,7 @@ def open_text(path: Path) -> TextFile:
 def recognises(path: Path, head: bytes) -> bool:
     """Text with a row of two numbers or more, or that begins with a remark or `time`."""
     lines = [] if b"\0" in head else head.decode("utf-8-sig", "replace").lower().split("\n")
-    rows = (NUMERIC.match(line) and len(line.split(_separator(line.strip()))) > 1 for line in lines)
+    rows = (len(cells := _numbers(line)) > 1 and np.isfinite(cells).all() for line in lines)
     return bool(head) and (any(each.startswith(("#", "time")) for each in lines[:1]) or any(rows))
 
 
@@ -203,9 +203,9 @@ def _require_one_velocity(names: list[str], count: int, request: PlaneRequest, p
 
 def _factor(quantity: str, units: dict[str, set[str]], request: PlaneRequest, label: str) -> float:
     """To SI, from what a file states, or else the user."""
-    if len(units[quantity]) > 1:
-        raise ValueError(f"{label} are in {', '.join(sorted(units[quantity]))}; one unit is needed")
-    return si_factor(quantity, *units[quantity], label) if units[quantity] else stated_factor(request, quantity, label)
+    if len(found := sorted(units[quantity])) > 1:
+        raise ValueError(f"{label} are in {', '.join(found)}; one unit is needed")
+    return si_factor(quantity, found[0], label) if found else stated_factor(request, quantity, label)
 
 
 def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
