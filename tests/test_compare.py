@@ -176,8 +176,7 @@ def test_flow_that_would_count_twice_is_told_with_its_resistance(reduced):
     """By ``educe`` and here; the plane's turbulence is in |v| already."""
     calm = tl.load_liner("goodrich_example")
     plate = calm.layers[0]
-    still_plate = {n: each.value for n, each in plate.numbers().items()}
-    windy = tl.sheet("goodrich", **still_plate | {"mach": 0.3, "displacement_thickness": 1.7e-3})
+    windy = plate.replace(mach=0.3, displacement_thickness=1.7e-3)
     liner = calm.replace(layers=(windy, calm.layers[1]), open_area_fraction=0.5)
     still = calm.replace(open_area_fraction=0.5)
     added = complex(liner.impedance(1500.0, 1.0) - still.impedance(1500.0, 1.0)).real

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import torchliner as tl
 from torchliner.engine.nodes import ANY_LINER, choose_nodes, interpolation_error
-from torchliner.liners.catalogue import preset_text
+from torchliner.liners.catalogue import liner_text, preset_text
 from torchliner.liners.model import LinerModel, as_liner, named_numbers
 
 PRESETS = (
@@ -18,13 +18,11 @@ PRESETS = (
     "lbm_orifice_coarse",
     "lbm_slit",
     "lbm_slit_coarse",
-    "melling_example",
     "mesh_example",
     "microperforate_example",
     "onera",
     "polito",
     "polito_as_printed",
-    "two_parameter_example",
 )
 GRID_F, GRID_V = (500.0, 800.0, 1400.0, 3000.0), (0.0, 0.5, 4.0)
 
@@ -108,12 +106,15 @@ def test_one_frequency_stands_for_itself_alone():
         liner.impedance(1401.0, 1.0)
 
 
-def test_toml_may_name_a_table_beside_it(tmp_path):
-    write(tmp_path / "t.csv", "\ufefffrequency,reactance,resistance,note", "2e3,1,3,b", "1e3,-1,1,a")
-    text = "model = 'table'\nfile = 't.csv'\ncell_pitch = 0.01"
+def test_toml_may_hold_a_table(tmp_path):
+    text = "model = 'table'\nfrequency = [1e3, 2e3]\nvalues = [[1, -1], [3, 1]]\ncell_pitch = 0.01"
     liner = tl.load_liner(write(tmp_path / "mine.toml", text))
     assert (liner.name, liner.cell_pitch) == ("mine", 0.01)
     assert complex(liner.impedance(1500.0)) == 2 + 0j
+    write(tmp_path / "again.toml", liner_text(liner, "me"))
+    assert tl.load_liner(tmp_path / "again.toml").impedance(1250.0, 3.0) == liner.impedance(1250.0, 3.0)
+    write(tmp_path / "t.csv", "\ufefffrequency [kHz],reactance,resistance", "2,1,3", "1,-1,1")
+    assert complex(tl.load_liner(tmp_path / "t.csv").impedance(1500.0)) == 2 + 0j
 
 
 def test_any_object_with_an_impedance_is_a_liner(liner):
@@ -121,7 +122,7 @@ def test_any_object_with_an_impedance_is_a_liner(liner):
 
     class Mine:
         cell_pitch = 5e-3
-        orifice_diameter = torch.tensor(1e-3)
+        hole_diameter = 1e-3
 
         def impedance(self, frequency, speed):
             return liner.impedance(frequency, speed)
@@ -137,19 +138,6 @@ def test_any_object_with_an_impedance_is_a_liner(liner):
         as_liner("polito")
     with pytest.raises(TypeError, match=r"Mine, whose numbers\(\) names no parameter to vary"):
         named_numbers(found)
-
-
-def test_a_description_that_leaves_numbers_to_defaults_is_refused():
-    """Of a map that somebody edited: the default would be another liner, and nothing would say."""
-    whole = tl.load_liner("lbm_orifice_coarse").describe()
-    assert tl.load_liner(whole).describe() == whole
-    for left_out in ("cavity_porosity", "vena_contracta"):
-        part = {key: value for key, value in whole.items() if key != left_out}
-        with pytest.raises(ValueError, match=f"lacks {left_out}; describe"):
-            tl.load_liner(part)
-    gas = {key: value for key, value in whole["fluid"].items() if key != "density"}
-    with pytest.raises(ValueError, match="lacks fluid; describe"):
-        tl.load_liner({**whole, "fluid": gas})
 
 
 def test_nothing_is_extrapolated_and_an_axis_may_be_missing():
@@ -174,7 +162,7 @@ POLITO = preset_text("polito")
     ("name", "text", "message"),
     [
         ("a.toml", "model = 'sdoff'", "model is 'sdoff'.*'sdof'"),
-        ("a.toml", "model = 'table'", "file, a .csv beside"),
+        ("a.toml", "model = 'table'", "frequency: missing; values: missing"),
         ("a.toml", POLITO.replace("porosity = 0.055 ", "porosty = 5.5 "), "porosty: .*'porosity'.*porosity: missing"),
         ("a.toml", POLITO.replace("porosity = 0.055 ", "porosity = 5.5 "), r"porosity is 5\.5; .*at most 1"),
         ("a.toml", POLITO.replace("1.17e-3", "1.17"), r"orifice_diameter is 1\.17 m; .*0\.1 m"),
@@ -182,11 +170,10 @@ POLITO = preset_text("polito")
         ("a.toml", POLITO.replace('"as_measured"', '"measured"'), "velocity_reading 'measured'.*as_measured"),
         ("a.toml", POLITO + "\n[fluid]\ntemperature = 20", "temperature = 20: .*150"),
         ("a.toml", POLITO + "\nimpedance_offset = 0.1", "impedance_offset is 0.1; two numbers"),
-        ("a.toml", POLITO.replace("12.44e-3", "0.5e-3"), "0.00117 m, larger than cell_pitch, 0.0005 m"),
-        ("t.csv", "f,resistance,reactance\n1,2,3", "'frequency' is missing"),
+        ("t.csv", "f,resistance,reactance\n1,2,3", "unknown column 'f'"),
         ("t.csv", "frequency [cm],resistance,reactance\n1,2,3", "units 'cm'.*Hz"),
         ("t.csv", "\n".join(table_rows()[:-1]), "no row for 3000 Hz and 4 m/s"),
-        ("t.csv", "\n".join([*table_rows(), "500,0,1,1"]), r"1 row\(s\) repeat"),
+        ("t.csv", "\n".join([*table_rows(), "500,0,1,1"]), r"row\(s\) repeat"),
         ("t.csv", f"{HEAD}\n1,1,2,3\n1,2,2,3\n2,1,2,3\n2,2,2,3", "speed starts at 1, not at 0"),
     ],
 )
@@ -199,7 +186,7 @@ def test_bad_files_are_refused(tmp_path, name, text, message):
     ("arguments", "message"),
     [
         (([1, 2], [1, 2, 3]), r"shape \(3,\), the axes \(2,\)"),
-        (([1, 2], [1, float("inf")]), "not finite"),
+        (([1, 2], [1, float("inf")]), "all are finite"),
         (([2, 1], [1, 1]), "frequency must increase"),
         (([], []), "frequency must increase"),
         (([1, 2], [[1], [1]], [0]), "speed must increase"),

@@ -16,7 +16,7 @@ MINE = """
 import torch
 
 cell_pitch = 5e-3
-orifice_diameter = 1e-3
+hole_diameter = 1e-3
 
 
 def impedance(frequency, speed):
@@ -56,8 +56,7 @@ def test_a_python_file_may_hold_an_object(tmp_path):
         ("def impedence(f, v): return 1j", r"must define a function impedance\(frequency, speed\)"),
         ("fluid = 'air'\ndef impedance(f, v): return 1j", r"fluid.* torchliner\.Fluid"),
         ("def impedance(f, v):\n    x = 1\n    return f.nothing", r"line 3: AttributeError.*\(2,\)"),
-        ("def impedance(f, v): return f + v", "gave real numbers"),
-        ("def impedance(f, v): return [1j] * 3", r"gave shape \(3,\) .* \(2,\) is needed"),
+        ("def impedance(f, v): return [1j] * 3", r"gave shape \(3,\); \(2,\) is needed"),
         ("def impedance(f, v): return f * float('nan') + 1j", "gave nan, inf or -1 between 500 and 800 Hz"),
     ],
 )
@@ -71,7 +70,7 @@ def test_no_toml_runs_a_python_file(tmp_path):
     """Neither as the table of a liner file nor as the liner of a campaign."""
     ran = tmp_path / "ran"
     write(tmp_path / "mine.py", f"open({str(ran)!r}, 'w').close()", MINE)
-    for text in ("model = 'table'\nfile = 'mine.py'", "model = 'mine.py'"):
+    for text in ("model = 'table'\nvalues = 'mine.py'", "model = 'mine.py'"):
         with pytest.raises(ValueError, match=r"a.toml|mine.py"):
             tl.load_liner(write(tmp_path / "a.toml", text))
     write(tmp_path / "c.toml", "liners = ['mine.py']", "[[planes]]", "files = 'x.h5'")

@@ -142,7 +142,6 @@ class Broken(Resistive):
     [
         (Broken(0.2, 0.15, 1e-4, 0.04), {"parameters": ["a"]}, ValueError, r"no derivative in a.*float\(\)"),
         (model(), {"parameters": ["cavity_dept"]}, ValueError, "'cavity_dept'.*cavity_depth"),
-        (model(), {"parameters": ["offset", "offset_reactance"]}, ValueError, "offset_reactance is named twice"),
         (model(), {"drive": "rms"}, ValueError, "drive is 'rms'"),
         (model(), {"phase": "given"}, ValueError, "phase is 'given'"),
         (object(), {}, TypeError, "without impedance"),

@@ -14,7 +14,7 @@ orifice = tl.load_liner("lbm_orifice")
 names = ("thickness", "orifice_diameter", "porosity")
 plate = dict(zip(names, (0.54e-3, 1.200231e-3, 0.057703748), strict=True))
 cavity, models = tl.Cavity(38.124e-3, 1.782e-3, 0.647828673), {}
-for law in ("perforate", "guess", "goodrich", "melling"):
+for law in ("perforate", "guess", "goodrich", "maa"):
     layers = [tl.sheet(law, **plate), cavity]
     bare = tl.LayeredLiner(layers, cell_pitch=orifice.cell_pitch, fluid=orifice.fluid)
     offset = orifice.impedance(1400.0, 0.0) - bare.impedance(1400.0, 0.0)

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from torchliner import file_checks
@@ -40,67 +39,45 @@ def preset_text(name: str) -> str:
     return file_checks.preset_text(PACKAGE, name, *KIND)
 
 
-def load_liner(name: str | Path | Mapping[str, Any]) -> LinerModel:
-    """A liner by preset name, from a TOML, CSV or Python file, or from what a map holds of it.
+def load_liner(name: str | Path) -> LinerModel:
+    """A liner by preset name, or from a TOML, CSV or Python file.
 
     Args:
         name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py (which is run; it has
-            ``impedance(frequency, speed)`` or an object ``liner``). Or what ``describe`` of a model gives, as
-            ``choices["liner"]`` of a map.
+            ``impedance(frequency, speed)`` or an object ``liner``).
     Raises:
-        ValueError: no such preset, a file with mistakes (missing and unknown keys, with the nearest valid one), or a
-            description that lacks numbers.
+        ValueError: no such preset, a file with mistakes (missing and unknown keys, with the nearest valid one).
         FileNotFoundError: no such file.
 
     >>> liner = tl.load_liner("polito")
     >>> [f"{z:.2f}" for z in liner.impedance(1400.0, [0.0, 5.0]).tolist()]  # |v| = 0, 5 m/s
     ['0.08-0.40j', '4.62-0.65j']
     """
-    if isinstance(name, Mapping):
-        return _described(name)
-    suffix, files = Path(name).suffix.lower(), [str(name)]
+    suffix = Path(name).suffix.lower()
     if suffix == ".csv":
         found: LinerModel = TabulatedLiner.read_csv(name)
     elif suffix == ".py":
         found = _python_liner(Path(name))
     else:
-        content, path = preset_or_file(PACKAGE, name, *KIND)
-        found = _build(content, path)
-        files = files if suffix == ".toml" else []
-        files += [str(path.parent / content["file"])] if "file" in content else []
-    found.settle(files=tuple(files))
-    return found
-
-
-def _described(about: Mapping[str, Any]) -> LinerModel:
-    if "file" in about:  # whoever wrote a map does not choose what is read here
-        raise ValueError(f"the liner is described by the file {about['file']!r} and not by its numbers; load that file")
-    found = _build(about, Path(str(about.get("name", "liner"))))
-    differ = [key for key, value in found.describe().items() if value != about.get(key)]
-    if differ:
-        lost = f"the description of liner {about.get('name')!r} lacks {', '.join(differ)}"
-        raise ValueError(f"{lost}; describe() of a model, and so a map, states them")
+        found = _build(*preset_or_file(PACKAGE, name, *KIND))
+    found.settle(files=(str(name),) if suffix in (".csv", ".py", ".toml") else ())
     return found
 
 
 def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
-    kind = content.get("model")
-    if not isinstance(kind, str) or kind not in LINER_MODELS:
-        near = did_you_mean(str(kind), list(LINER_MODELS))
-        raise ValueError(f"{path}: model is {kind!r}{near}; it is one of {', '.join(LINER_MODELS)}")
-    made: type[LinerModel] = resolve(LINER_MODELS[kind])
     try:
+        made: type[LinerModel] = resolve(_row_of(LINER_MODELS, content, "model"))
         given = _arguments(made, content, "", ABOUT)
-        pair = given.get("impedance_offset", (0, 0))
-        if not isinstance(pair, list | tuple) or len(pair) != 2:
-            raise ValueError(f"impedance_offset is {pair!r}; two numbers are needed, [resistance, reactance]")
         if "impedance_offset" in given:
+            pair = given["impedance_offset"]
+            if not isinstance(pair, list) or len(pair) != 2:
+                raise ValueError(f"impedance_offset is {pair!r}; two numbers are needed, [resistance, reactance]")
             given["impedance_offset"] = complex(*pair)
         if "layers" in given:
             given["layers"] = [_layer(table, f"layers.{i}") for i, table in enumerate(given["layers"])]
         if "fluid" in given:
             given["fluid"] = validated(FluidTable, given["fluid"], path, {}).build()
-        return made.from_file({**given, "name": given.get("name") or path.stem}, path.parent)
+        return made(**{**given, "name": given.get("name") or path.stem})
     except (TypeError, ValueError) as error:
         raise ValueError(str(error) if str(error).startswith(f"{path} has ") else f"{path}: {error}") from error
 
@@ -108,18 +85,23 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
 def _layer(table: Any, place: str) -> Any:
     if not isinstance(table, Mapping):
         raise ValueError(f"{place} = {table!r} is no table; write [[layers]], with two brackets, for each of them")
-    kinds, kind = {**LAWS, Cavity.kind: Cavity}, table.get("kind")
-    if kind not in kinds:
-        near = did_you_mean(str(kind), [*kinds])
-        raise ValueError(f"{place}: kind is {kind!r}{near}; it is one of {', '.join(kinds)}")
-    return kinds[kind](**_arguments(kinds[kind], table, f"{place}.{kind}.", ("kind",)))
+    kind = _row_of({**LAWS, Cavity.kind: Cavity}, table, "kind", f"{place}: ")
+    return kind(**_arguments(kind, table, f"{place}.{kind.kind}.", ("kind",)))
+
+
+def _row_of(known: Mapping[str, Any], table: Mapping[str, Any], key: str, place: str = "") -> Any:
+    """What a table names by a key."""
+    name = table.get(key)
+    if not isinstance(name, str) or name not in known:
+        near = did_you_mean(str(name), [*known])
+        raise ValueError(f"{place}{key} is {name!r}{near}; it is one of {', '.join(known)}")
+    return known[name]
 
 
 def _arguments(made: type, table: Mapping[str, Any], place: str, about: tuple[str, ...]) -> dict[str, Any]:
     """Arguments of a class from a table with further keys; ValueError with all keys that are missing or unknown."""
-    known, keys = arguments_of(made), getattr(made, "file_keys", None)
-    needed = [name for name, (_, default) in known.items() if default is inspect.Parameter.empty and not keys]
-    valid = [*about, *(keys or known)]
+    known, valid = arguments_of(made), [*about, *arguments_of(made)]
+    needed = [name for name, (_, default) in known.items() if default is inspect.Parameter.empty]
     wrong = [f"{place}{key}: no such key{did_you_mean(key, valid)}" for key in table if key not in valid]
     wrong += [f"{place}{name}: missing" for name in needed if name not in table]
     if wrong:
@@ -153,8 +135,7 @@ def _python_liner(path: Path) -> LinerModel:
     source = names.get("liner", SimpleNamespace(**names))
     if isinstance(source, LinerModel):
         return source
-    wanted = (*STATED, "orifice_diameter")
-    members = {name: getattr(source, name) for name in wanted if getattr(source, name, None) is not None}
+    members = {name: getattr(source, name) for name in STATED if getattr(source, name, None) is not None}
     function = members.get("impedance")
     if not callable(function) or not isinstance(members.get("fluid", Fluid()), Fluid):
         raise ValueError(
@@ -167,12 +148,9 @@ def _python_liner(path: Path) -> LinerModel:
 
     def guarded(f: Tensor, v: Tensor) -> Any:
         try:
-            found = function(f, v)
+            return function(f, v)
         except Exception as error:
             raise ValueError(f"{_where(error, path)} (frequency {tuple(f.shape)}, speed {tuple(v.shape)})") from error
-        if not torch.is_complex(torch.as_tensor(found)):
-            raise ValueError(f"{path}: impedance gave real numbers; Z = R + j X is complex, add 1j times X, or 0j")
-        return found
 
     def impedance(frequency: Any, speed: Any = 0.0) -> Tensor:
         name, own = f"{path}: impedance(frequency, speed)", SimpleNamespace(impedance=guarded)

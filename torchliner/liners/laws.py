@@ -14,9 +14,8 @@ from torch import Tensor
 from torchliner.checks import plain_number
 from torchliner.fluid import Fluid
 from torchliner.liners.model import Mach, Number, Share
-from torchliner.liners.plates import TONE, GrazedPlate, Plate, Sheet, fok_sum, tube_impedance
+from torchliner.liners.plates import Plate, Sheet, goodrich_resistance, tube_impedance
 
-SHARP = 0.76  # C_D of sharp-edged holes, with which the two-parameter model is used
 LARGEST_EXPONENT = 700.0  # exp of more overflows float64; the resistance is 0 long before
 
 
@@ -27,8 +26,8 @@ class Perforate(Plate):
 
     Eq. (2.4) in a form exact at v = 0: Re G = a |v|^2/(|v| + b), Im G = -c |v|^2.5/(|v|^2.5 + d).
 
-    Raises:
-        ValueError: a thin plate so open that eq. (2.2b) makes its mass and resistance negative.
+    Range: porosity below 0.77, above which eq. (2.2b) makes the ends of a thin plate negative.
+
     Source: Roncen et al. (2026), after Atalla & Sgard (2007), Temiz et al. (2016), Shah et al. (2024). The exponential
         is capped where it would overflow, below about 3e-4 Hz.
     """
@@ -36,15 +35,6 @@ class Perforate(Plate):
     kind = "perforate"
     shading: ClassVar[float] = 1.14  # eq. (2.2b)
     vena_contracta: Share = 0.8
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        length = plain_number(self.thickness + self.ends())
-        if length <= 0:
-            raise ValueError(
-                f"{self.label}: thickness and end corrections are {length:.3g} m together at porosity "
-                f"{plain_number(self.porosity):g}; eq. (2.2b) holds to 0.77, take law 'melling' above"
-            )
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
         """See ``Sheet``."""
@@ -109,8 +99,9 @@ class Guess(Plate):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Goodrich(GrazedPlate):
-    r"""Yu, Ruiz & Kwan: Crandall's tube, slopes in |v| of resistance and mass, grazing flow.
+class Goodrich(Plate):
+    r"""Yu, Ruiz & Kwan: Crandall's tube, slopes in |v| of resistance and mass, grazing flow of M ``mach`` with delta*
+    ``displacement_thickness``.
 
     .. math::
         Z &= \frac{j\omega (t + \epsilon d)}{c\sigma F}
@@ -129,13 +120,27 @@ class Goodrich(GrazedPlate):
     """
 
     kind = "goodrich"
+    mach: Mach = 0.0
+    displacement_thickness: Annotated[Any, Number(unit="m", high=0.1, low_included=True)] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        found = plain_number(self.discharge())
+        found, mach = plain_number(self.discharge()), plain_number(self.mach)
         if found > 1:
             text = f"{self.label}: this thickness over diameter and porosity make a discharge coefficient of"
-            raise ValueError(f"{text} {found:.3g}; the correlation holds to 1, law 'two-parameter' takes a stated one")
+            raise ValueError(f"{text} {found:.3g}; the correlation holds to 1")
+        if mach > 0 and plain_number(self.displacement_thickness) == 0:
+            both = f"mach is {mach:g} and displacement_thickness is 0 m"
+            raise ValueError(f"{self.label}: {both}; state it, 1e-3 to 5e-3 m in most ducts")
+
+    @property
+    def flow_resistance(self) -> float:
+        """See ``Sheet``."""
+        return plain_number(self.grazing())
+
+    def grazing(self) -> Any:
+        """``goodrich_resistance``."""
+        return goodrich_resistance(self.mach, self.porosity, self.displacement_thickness, self.orifice_diameter)
 
     def discharge(self) -> Any:
         """C_D."""
@@ -147,34 +152,6 @@ class Goodrich(GrazedPlate):
         jets = 1.336541 * self.jet(speed, self.discharge(), fluid)
         mass = 2.07e-5 * omega / fluid.sound_speed / self.porosity**2 * speed
         return tube / self.porosity + jets + self.grazing() - 1j * mass
-
-
-@dataclass(frozen=True, kw_only=True)
-class TwoParameter(GrazedPlate):
-    r"""Two-parameter plate (GE): steady-flow resistance A + B |v|, Ingard's mass, grazing flow.
-
-    .. math::
-        Z = \frac{32\nu t}{c\,\sigma C_D d^2} + \frac{|v|}{2c(\sigma C_D)^2}
-            + \frac{M}{\sigma(2 + 1.256\,\delta^*/d)} + j\,\frac{k (t + \epsilon d)}{\sigma},
-        \qquad \epsilon = \frac{0.85 (1 - 0.7\sqrt\sigma)}{1 + 305 M^3}.
-
-    Range: friction, that of a steady flow, is too small where d sqrt(omega/(4 nu)) is above 3, as in most plates, and
-    small there beside the other terms.
-
-    Source: Motsinger & Kraft (1991) with the flow terms of Rice & Heidelberg, as used by NASA (Jones et al. 2022), none
-        of them opened; read in notes and a code on GitHub. The code divides the mass by C_D too, the notes, which are
-        followed, do not.
-    """
-
-    kind = "two-parameter"
-    discharge_coefficient: Share = SHARP
-
-    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
-        """See ``Sheet``."""
-        opened, c = self.porosity * self.discharge_coefficient, fluid.sound_speed
-        friction = 32 * fluid.kinematic_viscosity * self.thickness / self.orifice_diameter**2
-        resistance = (friction + speed / (2 * opened)) / (opened * c) + self.grazing()
-        return resistance + 1j * omega * (self.thickness + self.ends(self.mach)) / (c * self.porosity)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +173,7 @@ class Maa(Plate):
     """
 
     kind = "maa"
-    discharge_coefficient: Share = SHARP
+    discharge_coefficient: Share = 0.76  # of sharp-edged holes
     edge_factor: Annotated[Any, Number(high=10.0, low_included=True)] = 0.5
 
     def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
@@ -210,35 +187,11 @@ class Maa(Plate):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Melling(Plate):
-    r"""Beranek & Ingard, and Melling: Crandall's tube, Fok's interaction (psi, ``plates.fok_sum``), a jet.
-
-    .. math::
-        Z = \frac{j\omega}{c\sigma F}\Big(t + \frac{8d}{3\pi\,\psi(\sqrt\sigma)}\Big)
-            + \frac{8\sqrt2}{3\pi}\,\frac{1-\sigma^2}{2c\,(\sigma C_D)^2}|v|.
-
-    Range: excursion in the hole |v|/(sigma omega) above d; in weaker sound the true resistance rises as |v|^2.
-
-    Source: Melling (1973), J. Sound Vib. 29, 1-65, not opened; the nonlinear term (printed 1.2: see ``plates.py``) and
-        Fok's series as in OpenPulse (perforated_plate.py). Friction takes the gas's own viscosity, also on the ends.
-    """
-
-    kind = "melling"
-    discharge_coefficient: Share = SHARP
-
-    def impedance(self, omega: Tensor, speed: Tensor, fluid: Fluid) -> Tensor:
-        """See ``Sheet``."""
-        end = 8 / (3 * math.pi) * self.orifice_diameter * fok_sum(self.porosity)
-        tube = tube_impedance(omega, self.thickness + end, self.orifice_diameter, fluid)
-        return tube / self.porosity + TONE * self.jet(speed, self.discharge_coefficient, fluid)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Mesh(Sheet):
     r"""Wire mesh or felt as its maker states it: :math:`Z = (R_0 + R_1 |v| + j\omega m)/(\rho c)`.
 
-    R_0 in MKS rayl (1 cgs rayl is 10 of them); R_1 from steady flow, dp = (R_0 + R_1 v) v, of which a tone sees
-    ``TONE`` times as much; m of the air that moves in it. Range: that of the flow rig for |v|.
+    R_0 in MKS rayl (1 cgs rayl is 10 of them); R_1 from steady flow, dp = (R_0 + R_1 v) v, of which a tone sees 1.2
+    times as much; m of the air that moves in it. Range: that of the flow rig for |v|.
 
     Source: definition. Forchheimer's law for R_0 and R_1.
     """
@@ -255,6 +208,5 @@ class Mesh(Sheet):
         return found
 
 
-LAWS: dict[str, type[Sheet]] = {
-    law.kind: law for law in (Perforate, Guess, Goodrich, TwoParameter, Maa, Melling, Mesh)
-}  # by the ``kind`` of a layer in liner files
+# By the ``kind`` of a layer in liner files.
+LAWS: dict[str, type[Sheet]] = {law.kind: law for law in (Perforate, Guess, Goodrich, Maa, Mesh)}

@@ -23,8 +23,8 @@ from torchliner.checks import frequency_tensor, plain_number, real_tensor, requi
 from torchliner.file_checks import one_of
 from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
 from torchliner.liners.laws import LAWS
-from torchliner.liners.model import Depth, Factor, LinerModel, Number, Pitch, Share
-from torchliner.liners.plates import Layer, Sheet, cavity_propagation
+from torchliner.liners.model import Declared, Depth, Factor, LinerModel, Number, Pitch, Share
+from torchliner.liners.plates import Sheet, cavity_propagation
 from torchliner.names import VELOCITY_READINGS
 
 OFFSET = ("offset_resistance", "offset_reactance")
@@ -64,9 +64,6 @@ class CellLiner(LinerModel):
             self.settle(hole_diameter=plain_number(hole))
         if self.flow_facing_porosity is not None or porosity is not None:
             self.settle(surface_porosity=plain_number(self.open_area()))
-        if self.cell_pitch is not None and (self.hole_diameter or 0.0) > self.cell_pitch:
-            size = f"orifice_diameter is {self.hole_diameter:g} m, larger than cell_pitch, {self.cell_pitch:g} m"
-            raise ValueError(f"{self.label}: {size}; both are in metres")
 
     def _front(self) -> Sheet:
         raise NotImplementedError
@@ -90,12 +87,11 @@ class CellLiner(LinerModel):
         from scipy.optimize import brentq  # takes a quarter of a second to import
 
         grid = torch.linspace(lowest, highest, 2000, dtype=torch.float64)
-        reactance = self.impedance(grid).imag.detach()
-        rising = torch.nonzero((reactance[:-1] < 0) & (reactance[1:] >= 0)).reshape(-1)
-        if rising.numel() == 0:
-            raise ValueError(f"{self.label} has no resonance in {lowest:g}-{highest:g} Hz")
-        ends = grid[rising[0]].item(), grid[rising[0] + 1].item()
-        return float(brentq(lambda f: plain_number(self.impedance(f).imag), *ends, xtol=1e-9))
+        negative = self.impedance(grid).imag.detach() < 0
+        for i in (negative[:-1] & ~negative[1:]).nonzero()[:1, 0].tolist():
+            low, high = grid[i : i + 2].tolist()
+            return float(brentq(lambda f: plain_number(self.impedance(f).imag), low, high, xtol=1e-9))
+        raise ValueError(f"{self.label} has no resonance in {lowest:g}-{highest:g} Hz")
 
     def numbers(self) -> dict[str, Number]:
         """Arguments, both parts of the offset, and the state of the gas."""
@@ -133,7 +129,7 @@ def air_state(fluid: Fluid) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Cavity(Layer):
+class Cavity(Declared):
     """An air column with losses at its walls, eq. (2.2d): depth h (m), hydraulic radius r_c (m; D/2 for a square cavity
     of side D), porosity phi, its share of the cell."""
 
@@ -143,7 +139,7 @@ class Cavity(Layer):
     porosity: Share = 1.0
 
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
-        """See ``Layer``: both columns of the module's formula over cosh(g h)."""
+        """As of ``Sheet``: both columns of the module's formula over cosh(g h)."""
         phi, way = self.porosity, cavity_propagation(omega, self.hydraulic_radius, fluid) * self.depth
         slope = torch.tanh(way)
         ratio = 2 * torch.exp(-way) * below / (below + phi + (below - phi) * torch.exp(-2 * way))
@@ -160,7 +156,7 @@ def sheet(law: str, **numbers: Any) -> Sheet:
         TypeError: a parameter is missing, unknown, or no number.
         ValueError: no such law (the nearest is named), or a value out of range.
 
-    >>> plate = tl.sheet("melling", thickness=0.8e-3, orifice_diameter=1e-3, porosity=0.05)
+    >>> plate = tl.sheet("maa", thickness=0.8e-3, orifice_diameter=1e-3, porosity=0.05)
     >>> liner = tl.LayeredLiner([plate, tl.Cavity(38e-3, 5e-3)])
     >>> f"{complex(liner.impedance(1400.0, 3.0)):.2f}"
     '3.74+0.12j'
@@ -196,12 +192,12 @@ class LayeredLiner(CellLiner):
 
     model = "layered"
 
-    layers: tuple[Layer, ...]
+    layers: tuple[Sheet | Cavity, ...]
 
     def __post_init__(self) -> None:
         self.settle(layers=tuple(self.layers), name=self.name or self.model)
         for place, layer in enumerate(self.layers, 1):
-            if not isinstance(layer, Layer):
+            if not isinstance(layer, Sheet | Cavity):
                 raise TypeError(f"{self.label}: layer {place} is {layer!r}; a sheet or a Cavity")
         named = self.named_layers()
         if not (named and isinstance(self.layers[0], Sheet) and isinstance(self.layers[-1], Cavity)):
@@ -216,7 +212,7 @@ class LayeredLiner(CellLiner):
     def _front(self) -> Sheet:
         return self.layers[0]  # type: ignore[return-value]
 
-    def named_layers(self) -> dict[str, Layer]:
+    def named_layers(self) -> dict[str, Sheet | Cavity]:
         """Layers by name, from the flow down."""
         count: Counter[str] = Counter()
         found = {}

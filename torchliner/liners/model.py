@@ -13,7 +13,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol, Self, get_type_hints
 
 import numpy as np
@@ -26,7 +25,10 @@ from torchliner.fluid import Fluid
 from torchliner.units import SI_QUANTITY
 
 SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
-STATED = ("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "speed_max", "surface_porosity")
+STATED = (
+    *("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "speed_max"),
+    *("surface_porosity", "hole_diameter"),
+)
 
 
 @dataclass(frozen=True)
@@ -52,14 +54,13 @@ class Number:
 
     def require(self, name: str) -> None:
         """Raise a ValueError with name, value, unit and range unless the value is finite and within the range."""
-        below = self.value < self.low or (self.value == self.low and not self.low_included)
-        if not below and math.isfinite(self.value) and self.value <= self.high:
-            return
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        limits = [f"{'at least' if self.low_included else 'above'} {self.low:g}{unit}"] * (self.low > -math.inf)
-        limits += [f"at most {self.high:g}{unit}"] * (self.high < math.inf)
-        slip = SLIPS.get(self.unit, "") if self.value > self.high else ""
-        raise ValueError(f"{name} is {self.value:g}{unit}; it is {' and '.join(limits) or 'finite'}{slip}")
+        above = self.value >= self.low if self.low_included else self.value > self.low
+        if not (above and math.isfinite(self.value) and self.value <= self.high):
+            unit = "" if self.unit == "1" else f" {self.unit}"
+            limits = f"{'at least' if self.low_included else 'above'} {self.low:g}{unit}"
+            limits += f" and at most {self.high:g}{unit}" if self.high < math.inf else ""
+            slip = SLIPS.get(self.unit, "") if self.value > self.high else ""
+            raise ValueError(f"{name} is {self.value:g}{unit}; it is {limits}{slip}")
 
 
 Length = Annotated[Any, Number(unit="m", high=0.1)]  # of plates; more are millimetres given as metres
@@ -76,18 +77,16 @@ Pitch = Annotated[float | None, Number(unit="m", varied=False)]
 @cache
 def arguments_of(declared: type) -> dict[str, tuple[Number | None, Any]]:
     """What a class declares of each argument, and its default, by name; those that only keywords give come last."""
-    hints = get_type_hints(declared, include_extras=True)
-    marks = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
-    first = {name: next((each for each in held if isinstance(each, Number)), None) for name, held in marks.items()}
-    return {name: (first.get(name), each.default) for name, each in inspect.signature(declared).parameters.items()}
+    marks = {
+        name: next((each for each in getattr(hint, "__metadata__", ()) if isinstance(each, Number)), None)
+        for name, hint in get_type_hints(declared, include_extras=True).items()
+    }
+    return {name: (marks.get(name), each.default) for name, each in inspect.signature(declared).parameters.items()}
 
 
 class Declared:
-    """Base of frozen dataclasses whose fields have these types.
-
-    Raises:
-        TypeError: a parameter is no number.  ValueError: it is outside its range.
-    """
+    """Base of frozen dataclasses whose fields have these types; TypeError for a parameter that is no number, ValueError
+    for one outside its range."""
 
     def __post_init__(self) -> None:
         make_plain(self, tensors=True)
@@ -101,7 +100,7 @@ class Declared:
     @property
     def label(self) -> str:
         """For messages."""
-        return type(self).__name__
+        return f"layer {getattr(self, 'kind', '')!r}"
 
     def settle(self, **values: Any) -> None:
         """Set what follows from the arguments."""
@@ -121,8 +120,7 @@ class Declared:
         return {name: mark.at(value) for name, mark, value in self._parameters() if mark.varied}
 
     def with_numbers(self, values: Mapping[str, Any]) -> Self:
-        """A copy with other ``numbers``: by name, SI; floats, or 0-d float64 tensors, through which derivatives pass if
-        ``impedance`` computes with torch."""
+        """A copy with other ``numbers``: by name, SI; floats, or 0-d float64 tensors with derivatives."""
         return self.replace(**values)
 
     def replace(self, **changes: Any) -> Self:
@@ -140,7 +138,7 @@ class Declared:
 def plain(value: Any) -> Any:
     """An argument of a model as a plain value."""
     if isinstance(value, Tensor):
-        value = value.detach().item()
+        value = (torch.view_as_real(value) if value.is_complex() else value).tolist()
     if isinstance(value, Fluid):
         return {name: plain(each) for name, each in vars(value).items()}
     if isinstance(value, complex):
@@ -164,20 +162,17 @@ class LinerModel(Declared):
 
     Attributes:
         model: its name in liner files, a key of ``names.LINER_MODELS``.
-        file_keys: keys of its liner files, none of which is needed; None: its fields.
         groups: names that stand for several of ``numbers``.
         name: for labels.  cell_pitch: L_c, m, for averages over cells.  fluid: gas, compared with that of the data.
         files: names of the files it was read from; of presets and changed copies none.
         frequency_range, speed_max: what ``impedance`` takes, Hz and m/s; None without limits.
         speed_kinks: |v| (m/s) at which ``impedance`` has a kink, as a table has at each of its speeds.
-        surface_porosity: open area over the whole surface, for eqs (2.7) and (A3).
-        hole_diameter: of the holes that face the flow, m, for eqs (2.7) and (A2).
+        surface_porosity, hole_diameter: open area over the whole surface; of the holes, m: for eqs (2.7), (A2), (A3).
         flow_resistance: what the model itself adds for grazing flow, normalised.
         lacks_mach: whether its law depends on the Mach number of the flow, and the liner states none.
     """
 
     model: ClassVar[str] = ""
-    file_keys: ClassVar[tuple[str, ...] | None] = None
     groups: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     name: str = ""
     cell_pitch: float | None = None
@@ -200,11 +195,6 @@ class LinerModel(Declared):
         """For messages."""
         return f"liner {self.name!r}"
 
-    @classmethod
-    def from_file(cls, keys: Mapping[str, Any], folder: Path) -> Self:
-        """The liner from the keys of a file, beside which others are found."""
-        return cls(**keys)
-
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Any:
         """Normalised impedance, complex, e^(j omega t), of the broadcast shape of frequency (Hz) and |v| (m/s)."""
         raise NotImplementedError(f"{type(self).__name__} defines no impedance(frequency, speed)")
@@ -216,26 +206,20 @@ class LinerModel(Declared):
 
 
 def as_liner(liner: Any) -> LinerModel:
-    """The liner itself, or any object with ``impedance(frequency, speed)``, and perhaps members of ``STATED`` and
-    ``orifice_diameter`` (m), as a ``LinerModel``; TypeError without ``impedance``."""
+    """The liner itself, or any object with ``impedance(frequency, speed)``, and perhaps members of ``STATED``, as a
+    ``LinerModel``; TypeError without ``impedance``."""
     if isinstance(liner, LinerModel):
         return liner
     if not hasattr(liner, "impedance"):
         raise TypeError(f"liner is {liner!r}, without impedance(frequency, speed); load_liner reads presets and files")
     made: LinerModel = type(type(liner).__name__, (LinerModel,), {})()
     made.settle(**{name: getattr(liner, name) for name in STATED if hasattr(liner, name)})
-    if hasattr(liner, "orifice_diameter"):
-        made.settle(hole_diameter=plain_number(liner.orifice_diameter))
     return made
 
 
 def named_numbers(liner: LinerModel, names: Iterable[str] | None = None) -> dict[str, Number]:
-    """The numbers of these names, groups as their parts; all of them for None.
-
-    Raises:
-        TypeError: the model states no numbers.
-        ValueError: an unknown name (the nearest is given), or one that is named twice.
-    """
+    """The numbers of these names, groups as their parts; all of them for None. TypeError where the model states none,
+    ValueError for an unknown name (the nearest is given)."""
     numbers = liner.numbers()
     if not numbers:
         what = f"{type(liner).__name__}, whose numbers() names no parameter to vary"
@@ -244,10 +228,7 @@ def named_numbers(liner: LinerModel, names: Iterable[str] | None = None) -> dict
     for name in numbers if names is None else names:
         if name not in liner.groups:
             require_choice("parameter", name, [*numbers, *liner.groups])
-        for each in liner.groups.get(name, (name,)):
-            if each in found:
-                raise ValueError(f"parameter {each} is named twice")
-            found[each] = numbers[each]
+        found |= {each: numbers[each] for each in liner.groups.get(name, (name,))}
     return found
 
 
@@ -258,18 +239,13 @@ def reflection_of(liner: Liner, frequency: Tensor, speed: Tensor) -> Tensor:
 
 def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor, name: str = "") -> Tensor:
     """``liner.impedance`` of any user's object, as complex128 of the broadcast shape; ``name`` of it in messages.
-
-    Raises:
-        TypeError: it gave None, text.
-        ValueError: another shape, nan, inf or -1, for which R has no value.
-    """
+    TypeError for no numbers, ValueError for another shape, nan, inf or -1, for which R has no value."""
     name = name or f"{type(liner).__name__}.impedance(frequency, speed)"
     found = liner.impedance(frequency, speed)
     if not isinstance(found, Tensor):  # torch takes Python's own numbers in its default precision
         array = np.asarray(found)
         if array.dtype.kind not in "fiuc":
-            given = f"{type(found).__name__} of {array.dtype}"
-            raise TypeError(f"{name} gave {given}; numbers are needed, normalised by rho c")
+            raise TypeError(f"{name} gave {type(found).__name__}; numbers are needed, normalised by rho c")
         found = torch.as_tensor(array.astype(np.complex128))
     found = found.to(torch.complex128)
     if not bool(torch.isfinite(found.detach().abs()).all()) or bool((found == -1).any()):
@@ -282,7 +258,4 @@ def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor, name: str = "")
         broadcast: Tensor = found.broadcast_to(shape)
         return broadcast
     except RuntimeError as error:
-        raise ValueError(
-            f"{name} gave shape {tuple(found.shape)} for frequency {tuple(frequency.shape)} and speed "
-            f"{tuple(speed.shape)}; {tuple(shape)} is needed"
-        ) from error
+        raise ValueError(f"{name} gave shape {tuple(found.shape)}; {tuple(shape)} is needed") from error

@@ -10,7 +10,6 @@ at every frequency passive. In time each pole is one number that is carried on f
 """
 
 import math
-import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.interpolate import AAA
 from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
 from torch import Tensor
@@ -30,6 +28,7 @@ from torchliner.names import resolve
 MOST_POLES = 40
 DAMPING = (0.01, 50.0)  # of two poles: less would be a resonance between two frequencies; above 1 they are real
 BEYOND = 4.0  # times the band that |p| may lie outside of it
+START = -0.5 + 1j  # of poles at first, times frequencies that are spread evenly
 EVALUATIONS = 200  # of the search for poles
 RIDGE = 1e-4  # weight of a multiple against an error in R
 ROOM = 1e-6  # by which |R|^2 stays below 1 in the band: more than it varies between the frequencies looked at
@@ -42,8 +41,7 @@ class Multipole:
     """A passive reflection coefficient; as ``impedance(frequency, speed)`` a liner that does not know |v|.
 
     Args:
-        poles: p, 1/s, complex128, (N,), Re p < 0, conjugates side by side.
-        residues: r, 1/s, complex128, (N,).
+        poles, residues: p, Re p < 0, conjugates side by side, and r; 1/s, complex128, (N,).
         band: lowest and highest frequency of the fit, Hz. Beyond it R is stable and passive, and not known.
         error: largest error in R at the frequencies of the fit.
         correction: largest change in R there that made it passive everywhere.
@@ -111,20 +109,18 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         about: plain values to keep with it.
     Raises:
         ValueError: too many poles for the frequencies; Z with nan, inf or -1, or with a negative resistance throughout.
-    Source: poles start from the AAA algorithm (Nakatsukasa, Sete and Trefethen, SIAM J. Sci. Comput. 40, 2018, A1494),
-        which are then moved into the left half plane and fitted by least squares in R. Where |R| exceeds 1, anywhere
-        between 0 Hz and ten thousand times the band, the residues are those of least error with |R| < 1 there.
+    Source: poles in the left half plane, fitted by least squares in R. Where |R| exceeds 1, anywhere between 0 Hz and
+        ten thousand times the band, the residues are those of least error with |R| < 1 there.
 
     >>> liner, frequency = tl.load_liner("onera"), torch.linspace(500.0, 2500.0, 21, dtype=torch.float64)
     >>> model = tl.fit_multipole(frequency, liner.impedance(frequency, 3.0), poles=4)
     >>> model.error < 0.01
     True
     """
-    f, count = frequency_tensor(frequency), whole_number("poles", poles)
+    (f, order), count = frequency_tensor(frequency).sort(), whole_number("poles", poles)
     z = torch.as_tensor(impedance).detach().cpu().to(torch.complex128)
     if z.shape != f.shape:
         raise ValueError(f"impedance has shape {tuple(z.shape)}; of {len(f)} frequencies ({len(f)},) is needed")
-    f, order = f.sort()
     z = z[order]
     for wrong in f[~torch.isfinite((z + 1 / (z + 1)).abs())].tolist():
         raise ValueError(f"impedance is nan, inf or -1 at {wrong:g} Hz; leave that frequency out")
@@ -146,8 +142,8 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
 
 
 def _basis(s: Array, w: Array, d: Array) -> Array:
-    """Functions whose real multiples make up R - 1, (F, N): w^2 and w s over s^2 + 2 d w s + w^2 for each d, two poles,
-    conjugate or real; for odd N also w/(s + w) of the last w, one pole."""
+    """Functions whose real multiples make up R - 1, (F, N): w^2 and w s over s^2 + 2 d w s + w^2 for each d, two poles;
+    for odd N also w/(s + w) of the last w, one pole."""
     two, one, s = w[: len(d)], w[len(d) :], s[:, None]
     over = two / (s**2 + 2 * d * two * s + two**2)
     return np.concatenate([two * over, s * over, one / (s + one)], 1)
@@ -161,8 +157,7 @@ def _multiples(basis: Array, wanted: Array) -> Array:
 
 
 def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
-    """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1; from the poles of the AAA
-    algorithm, with others where it finds too few, and from poles spread evenly."""
+    """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1."""
     pairs, size, outside = count // 2, count - count // 2, _grid(abs(s[-1]), 300, np.zeros(0))
     low = np.log([abs(s[0]) / BEYOND] * size + [DAMPING[0]] * pairs)
     high = np.log([abs(s[-1]) * BEYOND] * size + [DAMPING[1]] * pairs)
@@ -174,19 +169,11 @@ def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
         off, excess = basis @ solved - wanted, np.abs(1 + _basis(outside, w, d) @ solved) - 1
         return np.concatenate([off.real, off.imag, excess.clip(min=0)])
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # that it has not converged with so few terms
-        found = AAA(np.concatenate([s, s.conj()]), np.concatenate([wanted, wanted.conj()]), max_terms=count + 1).poles()
-    above = found[found.imag > 1e-6 * np.abs(found)]
-    spread = (-0.5 + 1j) * np.geomspace(abs(s[0]), abs(s[-1]), pairs + 2)[1:-1]
-    tried = []
-    for poles in (np.concatenate([above[np.argsort(np.abs(above))], spread])[:pairs], spread):
-        damping = np.abs(poles.real / poles).clip(DAMPING[0])
-        start = np.concatenate([np.log(np.abs(poles)), np.zeros(count % 2), np.log(damping)])
-        limits: Any = {"bounds": (low, high), "x_scale": "jac", "max_nfev": EVALUATIONS}
-        tried.append(least_squares(misfit, np.clip(start, low + 1e-6, high - 1e-6), **limits))
-    best = min(tried, key=lambda found: float(found.cost)).x
-    return np.exp(best[:size]), np.exp(best[size:])
+    sizes = abs(START) * np.geomspace(abs(s[0]), abs(s[-1]), pairs + 2)[1:-1]
+    start = np.log(np.concatenate([sizes, np.ones(count % 2), np.full(pairs, -START.real / abs(START))]))
+    limits: Any = {"bounds": (low, high), "x_scale": "jac", "max_nfev": EVALUATIONS}
+    best = np.exp(least_squares(misfit, start, **limits).x)
+    return best[:size], best[size:]
 
 
 def _passive(x: Array, basis: Array, wanted: Array, factors: tuple[Array, Array], top: float) -> Array:
@@ -216,10 +203,7 @@ def _passive(x: Array, basis: Array, wanted: Array, factors: tuple[Array, Array]
         held |= over
         how: Any = {"method": "SLSQP", "constraints": bounds, "options": {"maxiter": 300, "ftol": 1e-14}}
         y = minimize(cost, y, jac=True, **how).x
-    raise ValueError(
-        f"R could not be made passive: |R|^2 still exceeds 1 by {size.max():.2g}; take fewer poles, or a band in which "
-        "Z is better known"
-    )
+    raise ValueError(f"R could not be made passive: |R|^2 still exceeds 1 by {size.max():.2g}; take fewer poles")
 
 
 def _grid(top: float, count: int, poles: Array) -> Array:

@@ -2,25 +2,21 @@ r"""Layers of a liner, and what their laws share: the air in tubes and cavities,
 
 Every |v| of a law is the rms velocity in front of the sheet; in the holes it is |v|/sigma. Of the quasi-steady drop of
 a jet, dp = rho (1 - sigma^2)/(2 sigma^2 C_D^2) |v| v, the slope at a steady v is factor 1; the part in phase with a
-tone of rms |v| is 8 sqrt(2)/(3 pi) = 1.2004 of it, Melling's "1.2" (4/(3 pi) of the peak velocity).
+tone of rms |v| is 8 sqrt(2)/(3 pi) = 1.2004 of it (4/(3 pi) of the peak velocity).
 """
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import torch
 from scipy.special import ive
 from torch import Tensor
 
-from torchliner.checks import plain_number, real_tensor
+from torchliner.checks import real_tensor
 from torchliner.fluid import Fluid
-from torchliner.liners.model import Declared, Length, Mach, Number, Share
+from torchliner.liners.model import Declared, Length, Number, Share
 
-TONE = 8 * 2**0.5 / (3 * math.pi)
 ASYMPTOTIC_FROM = 1e4  # |s|: the first term left out of the series is below 1e-16 there
-FOK = (1, -1.40925, 0, 0.33818, 0, 0.06793, -0.02287, 0.03015, -0.01641, 0.01729, -0.01248, 0.01205, -0.00985)
 GRAZING = {  # arguments of ``goodrich_resistance``
     "bulk_mach": Number(high=1.0, low_included=True),
     "flow_facing_porosity": Number(high=1.0),
@@ -29,26 +25,10 @@ GRAZING = {  # arguments of ``goodrich_resistance``
 }
 
 
-class Layer(Declared):
-    """A sheet or a cavity of a liner; ``kind`` in liner files."""
-
-    kind: ClassVar[str]
-
-    @property
-    def label(self) -> str:
-        """For messages."""
-        return f"layer {self.kind!r}"
-
-    def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
-        """Admittance v/p above it, and velocity below it over that above.
-
-        ``below``: admittance below it, 0 for the backplate; omega in rad/s, |v| at it in m/s.
-        """
-        raise NotImplementedError
-
-
-class Sheet(Layer):
+class Sheet(Declared):
     """A layer that takes no room, under a law: a frozen dataclass of keywords, with a row in ``laws.LAWS``."""
+
+    kind: ClassVar[str]  # in liner files
 
     @property
     def flow_resistance(self) -> float:
@@ -61,7 +41,7 @@ class Sheet(Layer):
         raise NotImplementedError
 
     def above(self, omega: Tensor, below: Tensor, speed: Tensor, fluid: Fluid) -> tuple[Tensor, Tensor]:
-        """See ``Layer``."""
+        """Admittance v/p above it, and velocity below it over that above, for the admittance ``below`` it."""
         return below / (1 + self.impedance(omega, speed, fluid) * below), torch.ones_like(omega)
 
 
@@ -78,7 +58,7 @@ class Plate(Sheet):
     def ends(self, mach: Any = 0.0) -> Any:
         """Both end corrections, m: 0.85 d (1 - 0.7 sqrt(sigma))/(1 + 305 M^3), 0.85 being 8/(3 pi).
 
-        Source: Ingard (1953); what flow leaves of them: Rice & Heidelberg, as quoted with ``TwoParameter``.
+        Source: Ingard (1953); what flow leaves of them: Rice & Heidelberg, read in notes and a code on GitHub.
         """
         alone = 0.85 * self.orifice_diameter * (1 - self.shading * self.porosity**0.5)
         return alone / (1 + 305 * mach**3)
@@ -89,62 +69,22 @@ class Plate(Sheet):
         return lost * speed / (2 * fluid.sound_speed)
 
 
-@dataclass(frozen=True, kw_only=True)
-class GrazedPlate(Plate):
-    """In grazing flow of M ``mach``, on the centre line in NASA's use, and delta* ``displacement_thickness``."""
+def ratio_i2_i0(s: Tensor) -> Tensor:
+    """I2(s)/I0(s) = 1 - Phi(s), the viscous (or thermal) function of a circular tube, of s = r sqrt(j omega/nu),
+    complex128, Re s >= 0: 0 at s = 0, tending to 1; once differentiable.
 
-    mach: Mach = 0.0
-    displacement_thickness: Annotated[Any, Number(unit="m", high=0.1, low_included=True)] = 0.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if plain_number(self.mach) > 0 and plain_number(self.displacement_thickness) == 0:
-            both = f"mach is {plain_number(self.mach):g} and displacement_thickness is 0 m"
-            raise ValueError(f"{self.label}: {both}; state it, 1e-3 to 5e-3 m in most ducts")
-
-    def grazing(self) -> Any:
-        """``goodrich_resistance``."""
-        return goodrich_resistance(self.mach, self.porosity, self.displacement_thickness, self.orifice_diameter)
-
-    @property
-    def flow_resistance(self) -> float:
-        """See ``Sheet``."""
-        return plain_number(self.grazing())
-
-
-class _RatioI2I0(torch.autograd.Function):
-    """``ratio_i2_i0``, once differentiable."""
-
-    @staticmethod
-    def forward(ctx: Any, s: Tensor) -> Tensor:
-        host = s.detach().cpu().to(torch.complex128)
-        values = host.numpy()
-        large = 1 - 2 / host * (1 - 1 / (2 * host) - 1 / (8 * host**2) - 1 / (8 * host**3))
-        exact = torch.as_tensor(ive(2, values) / ive(0, values))
-        ratio = torch.where(host.abs() > ASYMPTOTIC_FROM, large, exact).to(s.device)
-        ctx.save_for_backward(s, ratio)
-        ctx.save_for_forward(s, ratio)
-        return ratio
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
-        return gradients[0] * _RatioI2I0.slope(*ctx.saved_tensors).conj()
-
-    @staticmethod
-    def jvp(ctx: Any, *tangents: Tensor) -> Tensor:
-        return tangents[0] * _RatioI2I0.slope(*ctx.saved_tensors)
-
-    @staticmethod
-    def slope(s: Tensor, ratio: Tensor) -> Tensor:
-        """From I0' = I1, I2' = I1 - 2 I2/s and I1/I0 = s (1 - ratio)/2; 0 at s = 0."""
-        return torch.where(s == 0, 0, s * (1 - ratio) ** 2 / 2 - 2 * ratio / torch.where(s == 0, 1, s))
-
-
-# I2(s)/I0(s) = 1 - Phi(s), the viscous (or thermal) function of a circular tube, of s = r sqrt(j omega/nu), complex128,
-# Re s >= 0: 0 at s = 0, tending to 1. Source: Roncen et al. (2026), eq. (2.2e). Departure from print: Phi(s) = (2/s)
-# I1(s)/I0(s); I1/I2 as printed breaks Phi(0) = 1. I2/I0 keeps full precision as s -> 0, where 1 - Phi would cancel.
-# Above |s| = 1e4 the asymptotic series of I1/I0 is used.
-ratio_i2_i0: Callable[[Tensor], Tensor] = _RatioI2I0.apply  # type: ignore[assignment]
+    Source: Roncen et al. (2026), eq. (2.2e). Departure from print: Phi(s) = (2/s) I1(s)/I0(s); I1/I2 as printed breaks
+        Phi(0) = 1. I2/I0 keeps full precision as s -> 0, where 1 - Phi would cancel. Above |s| = 1e4 the asymptotic
+        series of I1/I0 is used.
+    """
+    at = s.detach()
+    host = at.cpu().to(torch.complex128)
+    large = 1 - 2 / host * (1 - 1 / (2 * host) - 1 / (8 * host**2) - 1 / (8 * host**3))
+    exact = torch.as_tensor(ive(2, host.numpy()) / ive(0, host.numpy()))
+    ratio = torch.where(host.abs() > ASYMPTOTIC_FROM, large, exact).to(s.device)
+    # From I0' = I1, I2' = I1 - 2 I2/s and I1/I0 = s (1 - ratio)/2; 0 at s = 0.
+    slope = torch.where(at == 0, 0, at * (1 - ratio) ** 2 / 2 - 2 * ratio / torch.where(at == 0, 1, at))
+    return ratio + slope * (s - at)
 
 
 def cavity_propagation(omega: Tensor, hydraulic_radius: Any, fluid: Fluid) -> Tensor:
@@ -168,20 +108,6 @@ def tube_impedance(omega: Tensor, length: Any, diameter: Any, fluid: Fluid) -> T
     """
     shear = torch.sqrt(1j * omega) * (diameter / (2 * fluid.kinematic_viscosity**0.5))
     return 1j * omega * length / fluid.sound_speed / ratio_i2_i0(shear)
-
-
-def fok_sum(porosity: Any) -> Tensor:
-    """What the neighbours leave of a hole's end correction: 1/psi of Fok, at xi = sqrt(sigma).
-
-    1 - 1.40925 xi + 0.33818 xi^3 + ...; what is below 0 near xi = 1 is taken as 0.
-
-    Source: Fok, as in Melling (1973); coefficients as in OpenPulse (perforated_plate.py).
-    """
-    root = real_tensor(porosity) ** 0.5
-    total = torch.zeros_like(root)
-    for coefficient in reversed(FOK):
-        total = total * root + coefficient
-    return total.clamp(min=0)
 
 
 def goodrich_resistance(bulk_mach: Any, flow_facing_porosity: Any, displacement_thickness: Any, diameter: Any) -> Any:

@@ -41,8 +41,7 @@ class SDoFLiner(CellLiner):
         cavity_porosity: phi_c, 0 to 1.  vena_contracta: C_vc.
         open_area_fraction, ...: by keyword, see ``CellLiner``.
     Raises:
-        ValueError: a value outside its range, a hole larger than the pitch, or a thin plate so open that it would feed
-            sound.
+        ValueError: a value outside its range.
     Source: Roncen et al. (2026), sections 2 and 5.3, with the departures in ``liners/plates.py`` and ``fluid.py``.
     """
 

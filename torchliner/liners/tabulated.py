@@ -1,9 +1,9 @@
 """A liner known from a table: Z over frequency, or over frequency and |v|."""
 
-from collections.abc import Mapping
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -12,15 +12,9 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY, plain_array, real_tensor
 from torchliner.file_checks import naming
 from torchliner.liners.model import LinerModel, Pitch
-from torchliner.text_columns import LABEL, cells_of, header_line, read_lines, read_table, separator_of
+from torchliner.text_columns import header_line, read_lines, read_table
 
-COLUMNS: dict[str, str | None] = {
-    "frequency": "frequency",
-    "speed": "velocity",
-    "resistance": "impedance",
-    "reactance": "impedance",
-}
-UNITS = {"frequency": "Hz", "speed": "m/s", "resistance": "rho c", "reactance": "rho c"}  # where the header has none
+COLUMNS = {"frequency": "frequency", "speed": "velocity", "resistance": "impedance", "reactance": "impedance"}
 EXAMPLE = "frequency, [speed,] resistance, reactance (Hz, m/s, rho c)"
 
 
@@ -30,7 +24,7 @@ class TabulatedLiner(LinerModel):
 
     Args:
         frequency: Hz, increasing, (N,); a single one stands for itself alone.
-        values: Z normalised, complex, (N,) if Z does not depend on |v|, else (N, M).
+        values: Z normalised, complex or pairs (R, X), (N,) if Z does not depend on |v|, else (N, M).
         speed: |v| m/s, increasing from 0, (M,); None for a table over frequency alone.
         cell_pitch: m, for averages over cells.  name: for labels.
     Raises:
@@ -38,7 +32,6 @@ class TabulatedLiner(LinerModel):
     """
 
     model = "table"
-    file_keys: ClassVar = ("file", "cell_pitch", *COLUMNS)
 
     frequency: Any
     values: Any
@@ -54,10 +47,10 @@ class TabulatedLiner(LinerModel):
         axes = {"frequency": self.frequency} | ({} if self.speed is None else {"speed": self.speed})
         axes = {label: real_tensor(axis).reshape(-1) for label, axis in axes.items()}
         wanted = tuple(map(len, axes.values()))
-        if tuple(values.shape) != wanted:
-            raise ValueError(f"{where}: values have shape {tuple(values.shape)}, the axes {wanted}")
-        if not bool(torch.isfinite(values).all()):
-            raise ValueError(f"{where} holds values that are not finite")
+        if tuple(values.shape) == (*wanted, 2):
+            values = values[..., 0] + 1j * values[..., 1]
+        if tuple(values.shape) != wanted or not bool(torch.isfinite(values).all()):
+            raise ValueError(f"{where}: values have shape {tuple(values.shape)}, the axes {wanted}; all are finite")
         for (label, axis), fewest in zip(axes.items(), (1, 2), strict=False):
             if len(axis) < fewest or not bool((axis.diff() > 0).all()):
                 raise ValueError(f"{where}: {label} must increase; values needed: {fewest} or more")
@@ -80,39 +73,19 @@ class TabulatedLiner(LinerModel):
         options.setdefault("name", Path(path).stem)
         with naming(path):
             lines = read_lines(path)
-            start = header_line(lines, path)
-            separator = separator_of(lines[start])
-            labels = cells_of(lines[start], separator)
-            stated = [f"{label} [{UNITS[label.lower()]}]" if label.lower() in UNITS else label for label in labels]
-            lines[start] = separator.join(stated)
-            words = [(found[1] if (found := LABEL.fullmatch(label)) else label).lower() for label in labels]
-            others = set(words) - set(COLUMNS)
-            columns = read_table(lines, COLUMNS, path, example=EXAMPLE, optional=["speed"], others=others)
+            header = lines[header_line(lines, path)].lower()
+            known = {name: kind if re.search(rf"{name}\s*[\[(]", header) else None for name, kind in COLUMNS.items()}
+            columns = read_table(lines, known, path, example=EXAMPLE, optional=["speed"])
             frequency, row = np.unique(columns["frequency"], return_inverse=True)
             speed, column = np.unique(columns.get("speed", np.zeros(len(row))), return_inverse=True)
-            values, times = np.zeros((2, len(frequency), len(speed)), dtype=complex)
+            values = np.full((len(frequency), len(speed)), np.nan, dtype=complex)
             values[row, column] = columns["resistance"] + 1j * columns["reactance"]
-            np.add.at(times, (row, column), 1)
-            if (times.real > 1).any():
-                raise ValueError(f"{len(row) - np.count_nonzero(times)} row(s) repeat a frequency and speed")
-            for f, v in np.argwhere(times == 0)[:1]:
+            if len(row) > np.isfinite(values).sum():
+                raise ValueError("row(s) repeat a frequency and speed")
+            for f, v in np.argwhere(np.isnan(values))[:1]:
                 raise ValueError(f"no row for {frequency[f]:g} Hz and {speed[v]:g} m/s; the grid is full")
             axes = (values[:, 0],) if "speed" not in columns else (values, speed)
             return cls(frequency, *axes, **options)
-
-    @classmethod
-    def from_file(cls, keys: Mapping[str, Any], folder: Path) -> Self:
-        """See ``LinerModel``: a CSV beside the file, or the numbers as ``describe`` has them."""
-        about: dict[str, Any] = {name: keys.get(name) for name in ("name", "cell_pitch")}
-        file, frequency, speed, *parts = (keys.get(name) for name in ("file", *COLUMNS))
-        if file is not None and not any((frequency, speed, *parts)):
-            return cls.read_csv(folder / file, **about)
-        if file is not None or frequency is None or None in parts:
-            raise ValueError("a table is file, a .csv beside this one, or frequency, [speed,] resistance and reactance")
-        real, imaginary = (real_tensor(part, name=name) for part, name in zip(parts, [*COLUMNS][2:], strict=True))
-        if real.shape != imaginary.shape:
-            raise ValueError(f"resistance has shape {tuple(real.shape)}, reactance {tuple(imaginary.shape)}")
-        return cls(frequency, torch.complex(real, imaginary), speed, **about)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
         """Normalised impedance, complex128, of the broadcast shape of frequency (Hz) and |v| (m/s); ValueError outside
@@ -130,19 +103,10 @@ class TabulatedLiner(LinerModel):
         return found
 
     def _require_inside(self, value: Tensor, low: float, high: float, name: str, unit: str) -> None:
-        name = f"table {self.name!r}: {name}"
-        if value.numel() == 0:
-            raise ValueError(f"{name} is empty; give at least one, {low:g}-{high:g} {unit}")
         outside = value[~((value >= low - 1e-9 * high) & (value <= high * (1 + 1e-9)))]
         if len(outside):
-            raise ValueError(f"{name} is {float(outside[0]):g} {unit}, outside the table's {low:g}-{high:g} {unit}")
-
-    def describe(self) -> dict[str, Any]:
-        """All of the table."""
-        parts = {"resistance": self.values.real, "reactance": self.values.imag}
-        axes = {"frequency": self.frequency, "speed": self.speed}
-        numbers = {name: None if value is None else value.tolist() for name, value in (axes | parts).items()}
-        return {"model": self.model, "name": self.name, "cell_pitch": self.cell_pitch, **numbers}
+            asked = f"table {self.name!r}: {name} is {float(outside[0]):g} {unit}"
+            raise ValueError(f"{asked}, outside the table's {low:g}-{high:g} {unit}")
 
 
 def _bracket(axis: Tensor, value: Tensor) -> tuple[Tensor, Tensor, Tensor]:
