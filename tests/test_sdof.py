@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -330,6 +331,10 @@ def test_coefficient_lists_give_r_and_the_admittance(tmp_path: Path, poles: int)
     torch.testing.assert_close(read_back(held["reflection"]), r)
     torch.testing.assert_close(read_back(held["admittance"]), admittance_from_reflection(r))
     assert float(model.admittance()[0].real.max()) < 0
+    model.write(tmp_path / "liner.txt")
+    words = re.findall(r"    (\w+) (.*);", (tmp_path / "liner.txt").read_text())
+    lists = [(key, json.loads(row.translate(str.maketrans("()", "[]")).replace(" ", ", "))) for key, row in words]
+    assert lists == [*held["reflection"].items(), *held["admittance"].items()]
 
 
 @pytest.mark.parametrize(

@@ -233,7 +233,7 @@ GROUPS = {
             "",
             Option("map", "map of torchliner educe, of several frequencies", FILE),
             Of("records.impedance_map:ImpedanceMap.time_domain", "poles band averaging"),
-            output("write poles and residues, as coefficient lists,", ".json"),
+            output("write poles and residues, as coefficient lists,", ".json", ".txt"),
         ),
     },
     ("files", "files of planes"): {

@@ -16,6 +16,7 @@ from torchliner.names import __version__, frequency_ends
 
 AT_PLACES = (".vtp", ".vtkhdf")
 REAL = 1e-8  # relative: an imaginary part below it is rounding
+ROUND = str.maketrans("[]", "()")
 FORMULA = (
     "constant + sum A/(s + lambda) + sum 1/2 [(B + jC)/(s + alpha + j beta) + (B - jC)/(s + alpha - j beta)], "
     "real_poles: (lambda, A), complex_poles: (alpha, beta, B, C)"
@@ -127,6 +128,16 @@ def plain_multipole(model: Multipole) -> dict[str, Any]:
 
 
 def write_multipole(model: Multipole, path: str | Path) -> None:
-    """Write one file, ``.json``; ValueError, OSError as of ``written_whole``."""
-    with written_whole(path, ".json") as temporary:
-        temporary.write_text(json.dumps(plain_multipole(model), indent=1), encoding="utf-8")
+    """Write one file: ``.json``, or ``.txt`` with the lists as dictionaries of OpenFOAM, the rest in comments.
+
+    Raises:
+        ValueError, OSError: as ``written_whole``.
+    """
+    plain = plain_multipole(model)
+    lines = [f"// {key}: {printable(str(value))}" for key, value in plain.items() if not isinstance(value, dict)]
+    for name in ("reflection", "admittance"):
+        rows = {key: str(value).replace(",", "").translate(ROUND) for key, value in plain[name].items()}
+        lines += [name, "{", *(f"    {key} {row};" for key, row in rows.items()), "}"]
+    with written_whole(path, ".json", ".txt") as temporary:
+        text = "\n".join([*lines, ""]) if Path(path).suffix.lower() == ".txt" else json.dumps(plain, indent=1)
+        temporary.write_text(text, encoding="utf-8")

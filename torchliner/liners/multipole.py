@@ -91,7 +91,7 @@ class Multipole:
         return torch.from_numpy(found.real.copy())
 
     def write(self, path: str | Path) -> None:
-        """Write ``.json`` (docs/results.md)."""
+        """Write ``.json``, or ``.txt`` for OpenFOAM (docs/results.md)."""
         resolve("torchliner.io.result_writers:write_multipole")(self, path)
 
     def __repr__(self) -> str:
