@@ -227,7 +227,6 @@ REFUSED = [  # words, and what the one line names
     ("educe moments_0.5.h5 --phase self-consistent", "--phase averaged"),
     ("educe moments_0.5.h5 --start 0.01", "--start"),
     ("replay moments_0.5.h5", "samples, which are gone"),
-    ("info moments_0.5.h5 --figure v.png", "samples, which are gone"),
 ]
 
 
@@ -269,7 +268,7 @@ def test_liner_prints_geometry_and_draws(capsys, tmp_path):
 
 
 def test_info_describes_and_checks(capsys, tmp_path):
-    code, out, _ = run(capsys, "info", CHANNEL, "--figure", str(tmp_path / "v.png"))
+    code, out, _ = run(capsys, "info", CHANNEL)
     assert code == DONE
     for text in ("15x80", "93632", "v0 mean", "u' rms", "|v0| over bulk velocity", "all checks"):
         assert text in out

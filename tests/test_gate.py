@@ -119,9 +119,9 @@ BEFORE = [  # tested before a plane is read
     ("educe -o none/m.h5", "the folder none does not exist"),
     ("educe --liner ltt.toml", "did you mean 'lt.toml'"),
     ("educe --in-situ /dev/null", "is a device or a pipe"),
-    ("educe --liner loop.toml", "cannot be read"),
+    ("educe --liner loop.toml", "no such file"),
     *((f"{command} m{end}", "it must be one of") for end in (".json", ".vtk", ".xlsx") for command in ("educe -o",)),
-    ("info --figure m.json", "it must be one of .png"),
+    ("audit --figure m.json", "it must be one of .png"),
     ("audit -o m.h5", "it must be one of .csv"),
 ]
 
@@ -142,7 +142,7 @@ def test_an_output_without_an_ending_is_a_folder(capsys, folder):
     assert {path.name for path in (folder / "new/maps").iterdir()} == {"educe_plane.h5", "educe_other.h5"}
 
 
-@pytest.mark.parametrize("words", ["educe plane.h5 --figure f -o m.h5", "info plane.h5 --figure p.png"])
+@pytest.mark.parametrize("words", ["educe plane.h5 --figure f -o m.h5", "audit plane.h5 --figure p.png"])
 def test_without_matplotlib_nothing_is_begun(capsys, folder, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, out, err = run(capsys, *words.split())

@@ -157,25 +157,6 @@ def test_a_stretch_without_samples_is_refused():
             select(WHOLE, **times)
 
 
-def test_all_that_has_a_unit_is_scaled(tmp_path):
-    plane = make_plane((4,), 60, area=torch.full((4,), 1e-6), frequency=700.0, start=0.5)
-    found = plane.scaled(2.0, 4.0)
-    assert (found.frequency, found.start) == (1400.0, 0.25)
-    assert found.sampling_rate == pytest.approx(2 * plane.sampling_rate)
-    assert torch.equal(found.area, 4 * plane.area)
-    plane.write(tmp_path / "a.h5")
-    for path, more in ((tmp_path / "b.h5", []), (tmp_path / "c.h5", ["--frequency", "900"])):
-        scale = ["--scale-length", "2", "--scale-velocity", "4"]
-        assert main(["convert", str(tmp_path / "a.h5"), "-o", str(path), "--quiet", *scale, *more]) == 0
-        assert tl.read_plane(path).frequency == (900.0 if more else 1400.0)
-
-
-def test_a_level_is_not_that_of_other_velocities():
-    plane = make_plane((4,), 60, incident_level=145.0)
-    assert plane.scaled(2.0, 1.0).incident_level == 145.0
-    assert plane.scaled(1.0, 10.0).incident_level is None
-
-
 def test_convert_takes_any_format(tmp_path, capsys):
     pattern, out = files(tmp_path, [(0, 20), (20, 60)]), tmp_path / "out.h5"
     assert main(["convert", pattern, "-o", str(out), "--start", "0.5002", "--quiet"]) == 0

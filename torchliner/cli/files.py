@@ -2,7 +2,6 @@
 
 import argparse
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import torchliner as tl
@@ -11,16 +10,12 @@ from torchliner.cli import work
 from torchliner.io.plane_writer import write_plane
 from torchliner.io.planes import format_of, paths_of
 from torchliner.records.notes import plane_notes
-from torchliner.report.answer import Picture
-from torchliner.report.curves import draw_velocity, velocity_along_x
 from torchliner.report.inspection import inspect_moments, inspect_plane
 
 
 def info(options: argparse.Namespace) -> int:
     """Describe and check a velocity plane."""
-    # Of moments there is nothing to draw: the plane is asked for.
-    read: Any = work.read_records if options.figure is None else work.read_planes
-    (plane,) = read([options.plane], options)
+    (plane,) = work.read_records([options.plane], options)
     if isinstance(plane, tl.VelocityPlane):
         found = inspect_plane(plane)
         found.facts["format"] = ", ".join({format_of(each).name: 0 for each in paths_of(options.plane)})
@@ -28,9 +23,7 @@ def info(options: argparse.Namespace) -> int:
         found = inspect_moments(plane)
     facts = found.facts | {"not stated": ", ".join(found.missing) or None}
     checks = [f"check failed: {each}" for each in found.failures] or ["all checks passed"]
-    (stated,) = work.planes_of([plane])
-    picture = Picture("velocity", "Velocity along x.", partial(draw_velocity, stated), lambda: velocity_along_x(stated))
-    work.show(options, work.told(work.facts_text(facts), found._asdict(), *checks, pictures=[picture]))
+    work.show(options, work.told(work.facts_text(facts), found._asdict(), *checks))
     return int(bool(found.failures))
 
 
@@ -39,8 +32,6 @@ def convert(options: argparse.Namespace) -> None:
     (plane,) = work.read_planes([options.plane], options)
     if "incident_level" in options.facts:  # of the plane as written
         plane = replace(plane, incident_level=None)
-    if (options.scale_length, options.scale_velocity) != (1.0, 1.0):
-        plane = plane.scaled(options.scale_length, options.scale_velocity)
     plane = replace(plane, **options.facts, provenance={**plane.provenance, "file": options.plane.name})
     tell([note.text for note in plane_notes(plane, plane.frequency)])
     size = plane.velocity.dtype.itemsize * plane.probes * plane.samples * (1 if plane.streamwise is None else 2)

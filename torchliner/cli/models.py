@@ -17,7 +17,7 @@ from torchliner.cli.options import spelled
 from torchliner.duct.mesh import build_mesh
 from torchliner.duct.presets import DuctSetup, duct_names, duct_text
 from torchliner.fluid import gas_warnings
-from torchliner.io.result_writers import coefficients_of, plain_multipole
+from torchliner.io.result_writers import plain_multipole
 from torchliner.liners.catalogue import preset_text
 from torchliner.names import WALL_METHODS, resolve
 from torchliner.records.origin import origin_of, with_choices
@@ -106,9 +106,8 @@ def duct_solve(options: argparse.Namespace) -> None:
     about: dict[str, Any] = {"places": setup.microphones, "wall": setup.wall}
     if options.mesh is not None:
         cell, wall_cell = (*options.mesh, None)[:2]
-        about["mesh"] = build_mesh(
-            setup.case, max(setup.frequency.tolist()), column=cell, row=cell, wall_cell=wall_cell
-        )
+        highest = max(setup.frequency.tolist())
+        about["mesh"] = build_mesh(setup.case, highest, column=cell, row=cell, wall_cell=wall_cell)
     field = tl.solve_settled(setup.case, setup.frequency, setup.impedance, **about)
 
     def write(path: Path) -> None:
@@ -157,15 +156,6 @@ def ir_tdibc(options: argparse.Namespace) -> None:
 def export(options: argparse.Namespace) -> None:
     """Poles and residues of a map, for solvers in the time domain."""
     model = tl.read_map(options.map).time_domain(**options.chosen)
-    held = coefficients_of(model.poles, model.residues)
-    numbers = [(a, b, c / 2, -d / 2) for a, b, c, d in held["complex_poles"]]
-    numbers += [(a, 0.0, r, 0.0) for a, r in held["real_poles"]]
-    heads = ("-Re p (1/s)", "Im p (1/s)", "Re r (1/s)", "Im r (1/s)")
-    answer = Answer(
-        title=f"R = 1 + sum r/(s - p) from {model.band[0]:g} to {model.band[1]:g} Hz: error in R at most "
-        f"{model.error:.2g}; stable and passive",
-        lines=["Poles with Im p > 0 have a conjugate with the conjugate residue."],
-        table=table_of([dict(zip(heads, each, strict=True)) for each in numbers], ",".join(heads)),
-        more=plain_multipole(model),
-    )
-    work.show(options, answer, model.write)
+    title = f"R = 1 + sum r/(s - p) from {model.band[0]:g} to {model.band[1]:g} Hz: error in R at most "
+    title += f"{model.error:.2g}; stable and passive; -o or --json has the poles"
+    work.show(options, work.told(title, plain_multipole(model)), model.write)

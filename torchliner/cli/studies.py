@@ -16,22 +16,23 @@ from torchliner.studies.variants import Row
 CURVE = "curve"
 
 
+def _asked(options: Any, call: Any, paths: list[Path], read: Any = work.read_records, **about: Any) -> Any:
+    """A study of planes, or of one, and of their one liner."""
+    records = read(paths, options)
+    liner = work.only_liner(options, records, paths)
+    with work.progress_bar(work.samples_of(records), options) as step:
+        about |= {"progress": step} | options.chosen
+        return call(records if hasattr(options, "planes") else records[0], liner, options.frequency, **about)
+
+
 def audit(options: argparse.Namespace) -> None:
     """How far each open choice moves the impedance."""
-    records = work.read_planes(options.planes, options)
-    liner = work.only_liner(options, records, options.planes)
-    with work.progress_bar(work.samples_of(records), options) as step:
-        found = tl.audit(records, liner, options.frequency, progress=step, **options.chosen)
-    work.show(options, found)
+    work.show(options, _asked(options, tl.audit, options.planes, work.read_planes))
 
 
 def height(options: argparse.Namespace) -> None:
     """Impedance over height, and which height to take."""
-    records = work.read_records(options.planes, options)
-    liner = work.only_liner(options, records, options.planes)
-    with work.progress_bar(len(records), options, "height") as step:
-        found = study_heights(records, liner, options.frequency, progress=step, **options.chosen)
-    work.show(options, found)
+    work.show(options, _asked(options, study_heights, options.planes))
 
 
 def compare(options: argparse.Namespace) -> None:
@@ -55,11 +56,9 @@ def compare_models(options: argparse.Namespace) -> None:
 
 def sensitivity(options: argparse.Namespace) -> None:
     """Change of Z with each parameter of a liner; tolerances."""
-    records, tolerances = work.read_records([options.plane], options), dict(options.tolerance)
-    liner = work.only_liner(options, records, [options.plane])
+    tolerances = dict(options.tolerance)
     wanted = options.parameters or [*tolerances] or None
-    with work.progress_bar(work.samples_of(records), options) as step:
-        found = tl.sensitivities(records[0], liner, options.frequency, wanted, progress=step, **options.chosen)
+    found = _asked(options, tl.sensitivities, [options.plane], parameters=wanted)
     budget = found.propagate(tolerances, limits=options.limits) if tolerances else None
     work.show(options, found, averaging=options.averaging, budget=budget, limits=options.limits)
 

@@ -138,7 +138,6 @@ GROUPS = {
             Of("velocity.replay:replay", "kernel levels spacing interpolation velocity_max window segment"),
         ),
         "ldv info": row("bursts rows filters seen case place below"),
-        "ldv convert": row("bursts plane-file seen case place below"),
         "ldv educe": row(
             "bursts liner map figure filters seen case place",
             frequency("the tone", "--educe-at"),
@@ -237,12 +236,10 @@ GROUPS = {
         ),
     },
     ("files", "files of planes"): {
-        "info": row("plane figure"),
+        "info": row("plane"),
         "convert": row(
             "plane plane-file seen case below",
             fact("--height", "above the liner, m"),
-            Option("--scale-length", "of lengths, and of times; default 1", NUMBER, default=1.0),
-            Option("--scale-velocity", "of velocities, and of rates; default 1", NUMBER, default=1.0),
         ),
         "reduce": row(
             "plane plane-file tone",

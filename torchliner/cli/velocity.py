@@ -1,4 +1,4 @@
-"""Commands that educe an impedance from velocity: educe, replay, ldv info, ldv convert, ldv educe."""
+"""Commands that educe an impedance from velocity: educe, replay, ldv info, ldv educe."""
 
 import argparse
 import shutil
@@ -12,7 +12,6 @@ from torchliner.cli import work
 from torchliner.engine.moments import ReducedVelocity
 from torchliner.io.burst_sources import StationSource
 from torchliner.io.microphone_file import read_wall_pressure
-from torchliner.io.own_writer import write_several
 from torchliner.io.result_writers import require_places
 from torchliner.io.whole_file import writable, writable_folder
 from torchliner.pressure.dean import with_in_situ
@@ -85,15 +84,6 @@ def ldv_info(options: argparse.Namespace) -> int:
     stations = [Station.of(source.read(), options.without) for source in _stations(options)]
     work.show(options, stations)
     return int(any(station.flags for station in stations))
-
-
-def ldv_convert(options: argparse.Namespace) -> None:
-    """The same: write stations as one HDF5 file."""
-    records = [source.read() for source in _stations(options)]
-    bursts = sum(record.bursts for record in records)
-    plain = {"output": str(options.output), "stations": len(records), "bursts": bursts}
-    words = f"{options.output}: {len(records)} stations, {bursts} bursts"
-    work.show(options, work.told(words, plain), lambda path: write_several(records, path))
 
 
 def ldv_educe(options: argparse.Namespace) -> None:

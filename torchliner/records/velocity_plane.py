@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from torchliner.checks import frequency_tensor, require_positive
+from torchliner.checks import frequency_tensor
 from torchliner.names import resolve
 from torchliner.records.case import AtProbes
 from torchliner.records.checked import signal_tensor
@@ -107,20 +107,6 @@ class VelocityPlane(Drawn, Written, AtProbes):
             slab = self.velocity.movedim(-1, 0)[begin:end]
             return slab.reshape(slab.shape[0], -1)
         return self.velocity.read(begin, end)
-
-    def scaled(self, length: float, velocity: float) -> VelocityPlane:
-        """The same flow with lengths and velocities times a factor each; time scales by length/velocity, and the
-        incident level, of the velocities as they were, is left out."""
-        require_positive("length scale", length)
-        require_positive("velocity scale", velocity)
-        loaded, per_time = self.load(), velocity / length
-        factors = dict.fromkeys(("x", "z", "height", "displacement_thickness"), length)
-        factors |= dict.fromkeys(("sampling_rate", "frequency"), per_time) | {"start": 1 / per_time}
-        factors |= {"area": length**2, "velocity": velocity, "streamwise": velocity}
-        scaled = {
-            name: each * factor for name, factor in factors.items() if (each := getattr(loaded, name)) is not None
-        }
-        return replace(loaded, incident_level=self.incident_level if velocity == 1 else None, **scaled)
 
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""

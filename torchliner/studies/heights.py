@@ -41,7 +41,7 @@ def study_heights(
         planes: of one case at different heights, or their ``Moments``.
         liner, choices: as for ``educe``; no intervals by default.
         frequency: Hz, one; default the planes' own tone.
-        progress: called with 1 per plane.
+        progress: called with numbers of samples, 2 T per plane.
     Returns:
         title, frequency (Hz), averaging, choices, notes; reference (independent impedances, for comparison alone).
         ``rows``, the lowest first: height (m); impedance, level_check (dB), by averaging; level_limit (dB); coherence
@@ -63,15 +63,13 @@ def study_heights(
         raise ValueError(f"heights are compared at one frequency; {len(wanted)} are given")
     maps, rows, notes = list[ImpedanceMap](), list[Row](), list[str]()
     for plane in ordered:
-        maps.append(educe(records[id(plane)], model, wanted, **{"interval": None, **choices}))
+        maps.append(educe(records[id(plane)], model, wanted, **{"interval": None, "progress": progress, **choices}))
         rows.append(_row(plane, maps[-1]))
         try:
             rows[-1]["modulation"] = _modulation(plane, maps[-1], model.cell_pitch)
         except ValueError as reason:
             notes.append(f"{plane.name}: no cell-periodic modulation can be judged: {reason}")
         notes += [note.text for note in maps[-1].notes]
-        if progress is not None:
-            progress(1)
     tell(notes := list(dict.fromkeys(notes)))
     first, heights = maps[0], dict[str, float | None]()
     judged = [
