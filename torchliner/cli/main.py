@@ -23,8 +23,7 @@ except KeyboardInterrupt:  # in the first tenths of a second
 ABOUT = "Acoustic liner impedance from velocity measured just above the liner."
 MORE = "torchliner COMMAND --help: its options; torchliner --version: the version."
 DONE, CHECK_FAILED, INTERRUPTED = 0, 1, 130
-EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError)
-NO_MEMORY = ("can't allocate memory", "out of memory", "Unable to allocate")
+EXPECTED = (ValueError, TypeError, OSError, ImportError, RuntimeError, MemoryError)
 PLANNED = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)  # by libraries
 WARNINGS_SHOWN = 3  # without --verbose
 
@@ -92,8 +91,6 @@ def _run(parser: Parser, options: Namespace) -> int:
 def error_text(error: Exception, inputs: Sequence[str]) -> str:
     """One message of an error; of one that was not foreseen with the first input, which a library does not name."""
     text, lead = str(error) or type(error).__name__, "".join(f"{name}: " for name in inputs[:1])
-    if isinstance(error, MemoryError) or any(words in text for words in NO_MEMORY):
-        return f"{lead}not enough memory: {text}; take fewer probes or samples"
     if isinstance(error, EXPECTED) and not isinstance(error, RecursionError):
         return text
     fault = "this is a fault of torchliner: please report it, with the file and with what --debug prints"

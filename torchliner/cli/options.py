@@ -31,9 +31,7 @@ class Kind:
 
     metavar: str
     read: Callable[[str], Any] = str
-    part: str = (
-        ""  # "read"; "named": a file, or a name that is none; "written"; "drawn": written, or a folder; "folder"
-    )
+    part: str = ""  # "read"; "named": a file or another name; "written"; "drawn": a picture or a folder; "folder"
     endings: tuple[str, ...] = ()  # that an output may have
 
     def __call__(self, text: str) -> Any:

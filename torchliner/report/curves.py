@@ -149,10 +149,8 @@ def draw_along_x(
     frequency_index: int = 0,
     axes: Any = None,
 ) -> Any:
-    """R and X along x of several runs, with cell averages and references (figures 10, 17).
-
-    One run has a colour an averaging; of several each has its own, and the cells of the answer's averaging.
-    """
+    """R and X along x of several runs, with cell averages and references (figures 10, 17): of one run in the colours of
+    the averagings, of several each in its own, with the cells of the answer's averaging."""
     first, before, words = results[0], look.runs_in(axes), interval_words(results[0])
     alone, drawn = len(results) == 1 and not before, list[Row]()
     for i, (result, name) in enumerate(zip(results, labels_of(results), strict=True), before):

@@ -31,11 +31,8 @@ class Inspection(NamedTuple):
 
 
 def inspect_plane(plane: VelocityPlane) -> Inspection:
-    """One pass over the data: sizes, faults, moments, alignment.
-
-    The alignment check compares the mean of v0 over the plane with 1 % of the bulk velocity: over
-    a rigid wall, or over whole cells, the mean wall-normal velocity is near 0 (section 5.5.1).
-    """
+    """One pass over the data: sizes, faults, moments; that the mean of v0 over the plane is within 1 % of the bulk
+    velocity, as it is over a rigid wall and over whole cells (section 5.5.1)."""
     host, tone = torch.device("cpu"), torch.tensor([plane.frequency or 1.0 / plane.duration], dtype=torch.float64)
     whole = Blocks.of(plane.samples, plane.sampling_rate, max(float(tone), 1.0 / plane.duration))
     rest = (plane.samples,) if whole.borders[-1] < plane.samples else ()

@@ -10,7 +10,7 @@ import torch
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.report import curves
-from torchliner.report.answer import Answer, Grid, Picture, impedance_words, row_words
+from torchliner.report.answer import Answer, Grid, Picture, impedance_words
 from torchliner.report.maps import (
     case_title,
     draw_map,
@@ -28,7 +28,6 @@ from torchliner.studies.variants import rows_of
 from torchliner.velocity.background import background_words
 
 MATCHED = "level-matched"
-NULL_TEST = "Null test: the wall is hard and has no liner; the values show how this model responds to such a velocity."
 SHOWN = "run,frequency,averaging,impedance,interval,level check,share,spread,coherence"
 CELLS = "cell,x,z,frequency,impedance,interval,level_check"
 
@@ -113,7 +112,7 @@ def _line(result: ImpedanceMap, index: int) -> str:
     if value != value:
         return f"No impedance {at}: every probe counts as wall or was left out."
     bounds = result.bounds_of_liner(result.averaging, index)
-    what = "null test without any liner" if result.choices.get("surface") == "hard wall" else "whole liner"
+    what = "null test of a hard wall, no impedance" if result.choices.get("surface") == "hard wall" else "whole liner"
     end = ", no interval" if bounds is None else f"; the interval is {STATISTICAL}"
     words = impedance_words(value, bounds, result.level)
     return f"{words} in units of ρc {at}, {what}, averaging {result.averaging}{end}."
@@ -123,9 +122,7 @@ def level_line(result: ImpedanceMap, index: int) -> str:
     """'Level check fails: -1.93 dB off ...', or why there is none."""
     check, verdict = result.level_check, state_of(result, index)
     if check is None or not verdict:
-        return (
-            f"Level check: {result.level_check_words if check is None else 'no pressure is known at this frequency'}."
-        )
+        return f"Level check: {result.level_check_words if check is None else 'no pressure is known there'}."
     level = check.words(check.averaging, index).removesuffix(verdict).strip()
     return f"Level check {'is ' * (verdict == INCONCLUSIVE)}{verdict}: {level} {result.level_check_words}."
 
@@ -137,19 +134,11 @@ def state_of(result: ImpedanceMap, index: int) -> str:
 
 
 def _known_lines(result: ImpedanceMap) -> list[str]:
-    """The level-matched Z, the turbulence that acted, a null test: each where there is one."""
-    choices = result.choices
-    lines = [
-        f"Level-matched {row_words(row, result.level)} at {row['frequency']:g} Hz, measured by pressure and velocity "
-        f"with the model's phase; share of the incoherent velocity {row['share']:.2g}."
-        for row in map_rows(result)
-        if row["averaging"] == MATCHED
-    ]
-    if background := background_words(choices):
-        lines.append(f"{background[:1].upper()}{background[1:]}.")
-    elif (ratio := choices.get("velocity_ratio")) is not None:
-        lines.append(f"Velocity ratio |V1|/(φ M c) = {ratio:.2g}.")
-    return lines + [NULL_TEST] * (choices.get("surface") == "hard wall")
+    """The turbulence that acted, or how it compares with the tone."""
+    if background := background_words(result.choices):
+        return [f"{background[:1].upper()}{background[1:]}."]
+    ratio = result.choices.get("velocity_ratio")
+    return [] if ratio is None else [f"Velocity ratio |V1|/(φ M c) = {ratio:.2g}."]
 
 
 def _step(result: ImpedanceMap, state: str, index: int) -> str:

@@ -53,9 +53,7 @@ def of_comparison(found: Study) -> Answer:
         lines=[f"Whole liner at {row.frequency:g} Hz: {words}; {differs}."],
         table=table_of(found.rows, "place,frequency,first,second,difference,interval,differs_in"),
         remarks=[found.words],
-        pictures=[
-            Picture("difference", "Second minus first", partial(studies.draw_comparison, found), lambda: found.rows)
-        ],
+        pictures=[Picture("difference", "Difference", partial(studies.draw_comparison, found), lambda: found.rows)],
         more=found,
     )
 
@@ -83,7 +81,7 @@ def of_sensitivities(
 ) -> Answer:
     """dZ of each parameter per SI unit and per 1 %, or its share of a ``budget`` of uncertainty; largest first."""
     averaging, frequency = averaging or found.found.averaging, found.found.frequency.tolist()
-    nominal, together, rows = found.found.liner[averaging].impedance.tolist(), list[float](), list[dict[str, Any]]()
+    nominal, rows = found.found.liner[averaging].impedance.tolist(), list[dict[str, Any]]()
     lines = [f"Z = {format_complex(z)} at {f:g} Hz" for f, z in zip(frequency, nominal, strict=True)]
     if budget is None:
         shown, meaning = "slope,step", "p in its unit"
@@ -100,14 +98,9 @@ def of_sensitivities(
         shown, meaning = "half_width,standard,change", f"tolerances are {limits}"
         for row in budget.of(averaging=averaging):
             rows.append({key: value for key, value in row.items() if key != "impedance"} | {"change": row.impedance})
-        covariance = budget.covariance[averaging]
-        together = (covariance[:, 0, 1] / (covariance[:, 0, 0] * covariance[:, 1, 1]).sqrt()).nan_to_num(0).tolist()
         for i, total in enumerate(budget.combined[averaging].tolist()):
             rows.append({"frequency": frequency[i], "parameter": "combined", "change": total})
-            lines[i] += (
-                f", standard uncertainty of R {total.real:.2g} and of X {total.imag:.2g}, "
-                f"their correlation {together[i]:+.2f}"
-            )
+            lines[i] += f", standard uncertainty of R {total.real:.2g} and of X {total.imag:.2g}"
     return Answer(
         title=f"Sensitivities: {found.found.title}",
         lines=lines[:3],
@@ -115,7 +108,7 @@ def of_sensitivities(
         remarks=[*lines[3:], f"Z over ρc, averaging {averaging}; {meaning}; first order."],
         notes=found.found.notes,
         results=[found.found],
-        more={"averaging": averaging, "impedance": nominal, "correlation_of_R_and_X": together},
+        more={"averaging": averaging, "impedance": nominal},
     )
 
 
@@ -123,16 +116,13 @@ def of_heights(study: Study) -> Answer:
     """Z over height by averaging, what else speaks of a height, and which one to take."""
     shown = "height" + "".join(f",impedance.{name}" for name in study.rows[0].impedance)
     shown += "".join(f",level_check.{name}" for name in study.rows[0].level_check)
-    lines = []
-    for name, height in study.heights.items():
-        at = "no height qualifies" if height is None else f"y = {1e3 * height:.3g} mm is the lowest that qualifies"
-        lines.append(f"{name}: {at}")
+    found = {name: "none" if y is None else f"y = {1e3 * y:.3g} mm" for name, y in study.heights.items()}
     judges = "level check" if study.judged[0].name == "level check" else "change with height"
+    lines = [f"The lowest that qualifies, {name}: {height}" for name, height in found.items()]
     lines.append(f"Judged by the {judges}; no reference impedance is used.")
     step = "no plane of these will do: calibrate the liner, give a run without sound, or take other heights"
     if study.height is not None:
         step = f"torchliner educe with the plane at y = {1e3 * study.height:.3g} mm"
-    remarks = [f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items()]
     drawn = [Row(row, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()]
     title = f"{study.title}{' (null test)' * (study.choices.get('surface') == 'hard wall')}, {study.frequency:g} Hz"
     known = {"reference": study.reference["true"]} if "true" in study.reference else {}
@@ -144,7 +134,7 @@ def of_heights(study: Study) -> Answer:
         table=table_of(study.rows, f"{shown},coherence,velocity_rms,modulation,drift"),
         caption="Each height, whole plane.",
         grids=[Grid("judged", "Level check in dB, all else a share of 1.", judged)],
-        remarks=remarks,
+        remarks=[f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items()],
         notes=study.notes,
         step=step,
         pictures=[Picture("heights", f"{study.title}: Z over height", draw, lambda: study.rows)],
@@ -198,10 +188,7 @@ def of_fit(found: Fit, predicted: Sequence[Any] = (), words: str = "") -> Answer
         table=_parameters(found),
         caption="The parameters that were fitted, SI.",
         grids=_planes(found.rows, "The planes that were fitted.", predicted),
-        remarks=[
-            f"{found.data} data, {len(names)} parameters, sum of squares {about['sum_of_squares']:.4g} ({noise}); "
-            f"{title}"
-        ],
+        remarks=[f"{found.data} data, {len(names)} parameters, {noise}; {title}"],
         notes=found.notes,
         step="predict other planes: --predict PLANE ..." if not predicted else "",
         pictures=[Picture("predictions", title, draw, lambda: drawn)],
@@ -233,15 +220,9 @@ def _planes(rows: Sequence[Any], caption: str, predicted: Sequence[Any]) -> list
 
 def _about(found: Fit) -> dict[str, Any]:
     """Of a fit, for JSON."""
-    return {
-        "law": found.law.label,
-        "covariance": found.covariance,
-        "unseen": found.unseen,
-        "sum_of_squares": float(found.residuals.square().sum()),
-        "degrees_of_freedom": found.freedom,
-        "averaging": found.choices.averaging,
-        "seen_speeds": found.seen_speeds,
-    }
+    about = {name: getattr(found, name) for name in ("covariance", "unseen", "freedom", "seen_speeds")}
+    squares = float(found.residuals.square().sum())
+    return about | {"law": found.law.label, "averaging": found.choices.averaging, "sum_of_squares": squares}
 
 
 def of_identification(found: Study, predicted: Sequence[Any] = ()) -> Answer:

@@ -125,12 +125,8 @@ class Table:
         return "\n".join("  ".join(cells).rstrip() for cells in zip(*columns, strict=True))
 
     def as_rows(self) -> list[Row]:
-        """Of CSV: numbers and texts alone.
-
-        A complex value is two: ``resistance`` and ``reactance`` of ``impedance``, ``resistance_low`` of ``low``,
-        ``first_resistance`` of ``first``, ``wavenumber_real`` of what is no impedance. Of values by name each is one,
-        ``distance`` gives ``distance true``.
-        """
+        """Of CSV: numbers and texts alone; of a complex value both parts, of values by name each: ``resistance`` and
+        ``reactance`` of ``impedance``, ``resistance_low`` of ``low``, ``distance true`` of ``distance``."""
         kinds: Row = {}
         for row in self.rows:
             kinds |= {name: value for name, value in row.items() if kinds.get(name) is None}
