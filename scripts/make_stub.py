@@ -19,13 +19,13 @@ HEAD = '''# ruff: noqa
 # fmt: off
 """Public names of torchliner; written by scripts/make_stub.py."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 import torch
 
-from torchliner.studies.sensitivities import Sensitivities
+from torchliner.studies.variants import Study
 from torchliner.liners.model import Liner
 from torchliner.velocity.reading import Progress
 '''

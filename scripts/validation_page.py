@@ -2,9 +2,8 @@
 
     python scripts/validation_page.py [-o FOLDER] [--rows FILE]
 
-Rows and pictures go to docs/figures, the tables into docs/validation.md, and the default rules into the package, where
-``educe`` and ``audit`` find them; with another folder, there alone. ``--rows`` takes the rows from a CSV instead of
-computing them again, which takes minutes.
+Rows and pictures go to docs/figures, the tables into docs/validation.md; with another folder, there alone. ``--rows``
+takes the rows from a CSV instead of computing them again, which takes minutes.
 """
 
 import csv
@@ -19,21 +18,14 @@ from scipy.optimize import brentq
 import torchliner as tl
 from common import DATA, FIGURES, ROOT, options_of, page_table, parser_of, planes_of, write_tables
 from studies.limits import hole_velocity, reach, speed_that_gives
+from studies.validation import DEFAULT, errors_by_rule, validate, validation_row
 from studies.validation_figures import FASTEST, draw_reach, draw_validation_errors
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex, table_of
-from torchliner.studies.validation import (
-    DEFAULT,
-    TABLE,
-    errors_by_rule,
-    hole_kind,
-    validate,
-    validation_row,
-)
 from torchliner.studies.variants import Row
 
-PAGE, KNOWN = ROOT / "docs" / "validation.md", ROOT / "torchliner" / "studies" / TABLE
+PAGE = ROOT / "docs" / "validation.md"
 GROUPS = {
     "to 130 dB": ("n115", "n130", "o115", "o130", "t00_130"),  # without flow
     "145 dB": ("n145", "o145"),
@@ -185,24 +177,6 @@ def reason_tables(reasons: Sequence[Row]) -> dict[str, str]:
     return {"reasons": page_table(head, replays), "limits": page_table(limits, needs)}
 
 
-def known_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """The table of the package: what the default rules gave, and where."""
-    found = []
-    for row in (row for row in rows if row.rule == DEFAULT):
-        liner = liner_of(row.case)
-        about = row | {"hole_diameter": liner.hole_diameter, "porosity": liner.surface_porosity}
-        found.append(
-            {"case": row.case, "hole": hole_kind(liner.name)}
-            | {name: f"{about[name]:.4g}" for name in ("height", "hole_diameter", "porosity")}
-            | {name: f"{about[name]:g}" for name in ("mach", "incident_level")}
-            | {name: f"{about[name]:.3g}" for name in ("speed", "velocity_rms")}
-            | {"averaging": row.averaging}
-            | {"resistance": f"{row.educed.real:.3f}", "reactance": f"{row.educed.imag:.3f}"}
-            | {"true_resistance": f"{row.true.real:.3f}", "true_reactance": f"{row.true.imag:.3f}"}
-        )
-    return found
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compute, print, write."""
     parser = parser_of(__doc__, FIGURES)
@@ -221,7 +195,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"\n{name}\n{text}")
     if folder == FIGURES:
         write_tables(PAGE, tables)
-        write_rows(known_rows(rows), KNOWN, end="\n")
     return 0
 
 

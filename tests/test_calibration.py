@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import json
-import math
 
 import pytest
 import torch
@@ -78,19 +77,18 @@ def test_moments_stand_for_planes():
 
 
 def test_intervals_cover_the_truth():
-    """95 % intervals hold the truth in 95 % of 200 sets of references with noise, stated or not (scatter 1.5 %)."""
+    """95 % intervals hold the truth in 95 % of 400 sets of references with noise (scatter 1.1 %)."""
     generator, inside = torch.Generator().manual_seed(1), []
     law = parameter_law({"offset": (-0.5, 0.5)}, start())
     chosen = Choices(dtype="float64", averaging="velocity", interval=None)
     runs = read_runs([*planes(), plane(1.0, 3)], start(), None, chosen)
     clean = torch.cat([z.detach() for z in impedances(law, law.start, runs)])
-    for stated in (True, False):
-        for _ in range(200):
-            noise = 0.01 * torch.randn(len(runs), dtype=torch.complex128, generator=generator) * 2**0.5
-            given = held(runs, (clean + noise).tolist(), 0.01)
-            low, high = fit_law(law, given, chosen, Knots(5.0), stated=stated).interval
-            inside.append(((low <= law.start) & (law.start <= high)).double())
-        assert float((torch.stack(inside).mean(0) - 0.95).abs().max()) < 0.035
+    for _ in range(400):
+        noise = 0.01 * torch.randn(len(runs), dtype=torch.complex128, generator=generator) * 2**0.5
+        given = held(runs, (clean + noise).tolist(), 0.01)
+        low, high = fit_law(law, given, chosen, Knots(5.0)).interval
+        inside.append(((low <= law.start) & (law.start <= high)).double())
+    assert float((torch.stack(inside).mean(0) - 0.95).abs().max()) < 0.035
 
 
 def test_prediction_has_the_spread_of_the_parameters():
@@ -99,7 +97,7 @@ def test_prediction_has_the_spread_of_the_parameters():
     (prediction,) = found.predict(plane(3.0, 2))
     assert prediction.impedance == pytest.approx(found.rows[1].impedance, abs=1e-9)
     slopes = tl.sensitivities(plane(3.0, 2), found.liner, None, found.law.names)
-    parts = torch.view_as_real(slopes.liner["velocity"][:, 0])
+    parts = torch.view_as_real(slopes.slopes["velocity"][:, 0])
     wanted = parts.T @ found.covariance @ parts
     spread = wanted.diagonal().sqrt()
     assert [prediction.standard.real, prediction.standard.imag] == pytest.approx(spread.tolist(), rel=1e-6)
@@ -117,9 +115,7 @@ def test_what_cannot_be_told_apart_is_named():
     free = {"facesheet_thickness": (1e-4, 2e-3), "offset": (-0.9, 0.9)}
     with pytest.warns(tl.DataWarning, match=r"do not tell facesheet_thickness.* apart"):
         found = calibrate(planes(), true_liner(), references(), free, noise=1e-3)
-    (group,) = found.unseen
-    assert group[0] == "facesheet_thickness"
-    assert set(group[1:]) <= {"offset_resistance", "offset_reactance"}
+    assert "facesheet_thickness" in found.unseen
 
 
 def test_a_bound_is_named_with_the_remedy():
@@ -128,13 +124,6 @@ def test_a_bound_is_named_with_the_remedy():
     assert any("vena_contracta on its bound, 0.75" in str(each.message) for each in said)
     assert found.on_bound == ("vena_contracta",)
     assert float(found.values[0]) == pytest.approx(0.75, abs=1e-3)
-
-
-def test_as_many_data_as_parameters_say_nothing_of_the_noise():
-    with pytest.warns(tl.DataWarning, match="nothing left over.*state noise"):
-        found = calibrate(planes()[0], start(), references()[0], {"offset": (-0.5, 0.5)})
-    assert all(math.isnan(u) for u in found.standard.tolist())
-    assert math.isnan(found.predict(planes()[0])[0].standard.real)
 
 
 @pytest.mark.parametrize(
@@ -147,9 +136,7 @@ def test_as_many_data_as_parameters_say_nothing_of_the_noise():
         ({"references": "true"}, r"no reference 'true' \(it holds: none\)"),
         ({"references": [1 + 0j]}, "1 references for 2 planes"),
         ({"references": [[1.0, 2.0], [1.0]]}, "1 frequencies and references"),
-        ({"drive": "rms"}, "drive is 'rms'"),
-        ({"phase": "given"}, "phase is 'given'"),
-        ({"wall_filter": 0.5}, "wall_filter is 0.5"),
+        ({"drive": "rms"}, "another drive than 'rms'"),
         ({"liners": 3}, "3 liners for 2 planes"),
     ],
 )

@@ -139,9 +139,9 @@ JSON = {  # words, and the same in Python: of the plane at 2.5 mm and of its lin
     "sensitivity y2.5mm.h5 --parameters porosity": lambda p, n: (
         tl.sensitivities(p, n, None, ["porosity"]).found.liner["velocity"].impedance
     ),
-    "sensitivity y2.5mm.h5 --tolerance orifice_diameter=0.02mm --tolerance porosity=2%": lambda p, n: (
-        tl.sensitivities(p, n).propagate({"orifice_diameter": "0.02 mm", "porosity": "2 %"}).combined["velocity"]
-    ),
+    "sensitivity y2.5mm.h5 --tolerance orifice_diameter=0.02mm --tolerance porosity=2%": lambda p, n: tl.sensitivities(
+        p, n, tolerances={"orifice_diameter": "0.02 mm", "porosity": "2 %"}
+    ).combined["velocity"],
     "calibrate y2.5mm.h5 --free porosity=0.01:0.2": lambda p, n: tl.calibrate(
         p, n, "true", {"porosity": (0.01, 0.2)}
     ).numbers["porosity"],

@@ -1,4 +1,4 @@
-"""Z against height, the cell-periodic modulation, the recommendation."""
+"""Z against height, and the recommendation."""
 
 import math
 from dataclasses import replace
@@ -9,7 +9,7 @@ import torch
 from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 
 import torchliner as tl
-from torchliner.studies.heights import cell_modulation, study_heights
+from torchliner.studies.heights import study_heights
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 PITCH, SPACING = 12.44e-3, 1e-3
@@ -32,32 +32,6 @@ def test_a_row_is_the_eduction_of_its_plane(liner):
     mixed = study_heights([planes[0], tl.moments(planes[1], liner)], liner)
     for mine, wanted in zip(mixed.rows, study_heights(planes, liner).rows, strict=True):
         assert mine.impedance == {name: pytest.approx(z, rel=1e-6) for name, z in wanted.impedance.items()}
-        assert mine.modulation == wanted.modulation
-
-
-@pytest.mark.parametrize(("count", "spacing"), [(48, PITCH / 12), (30, 1e-3), (12, PITCH / 12)])
-def test_modulation_finds_harmonics_on_any_grid(count, spacing):
-    """Amplitudes 0.5 and 0.2 on a mean of 2, growing along x where cells repeat."""
-    x = 0.3e-3 + spacing * np.arange(count)
-    turn = 2 * np.pi * x / PITCH
-    profile = 2.0 + 0.5 * np.cos(turn - 1) + 0.2 * np.sin(3 * turn) + (3.0 * x if count > 12 else 0.0)
-    if count > 12:  # a wave of 2.5 to a cell is not periodic in it
-        profile += 0.3 * np.cos(2.5 * turn)
-    _, harmonics = cell_modulation(x, profile, PITCH)
-    assert harmonics[:3] == pytest.approx((0.5, 0.0, 0.2), abs=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("x", "message"),
-    [
-        (1e-3 * np.arange(10), "span 10 mm"),
-        (5e-3 * np.arange(10), "with 2.49 to a cell"),
-        (1e-3 * np.arange(30) ** 2, "even, rising steps"),
-    ],
-)
-def test_modulation_refuses(x, message):
-    with pytest.raises(ValueError, match=message):
-        cell_modulation(x, np.ones(len(x)), PITCH)
 
 
 def evanescent_planes(heights, decay=PITCH / (2 * math.pi)):
@@ -75,7 +49,6 @@ def test_a_sound_field_qualifies_where_its_modulation_has_died(liner):
     study = study_heights(evanescent_planes(heights), liner)
     apart = {j.height: j.value for j in study.judged if j.name == "averagings"}
     assert apart[1e-3] > 0.02 > apart[6e-3]
-    assert study.rows[0].modulation > 0.1  # which refuses nothing
     assert study.heights["velocity"] == 1e-3
     settled = {j.height for j in study.judged if j.averaging == "admittance" and j.name == "change" and j.passed}
     assert study.heights["admittance"] == next(y for y in heights if apart[y] <= 0.1 and y in settled)

@@ -19,8 +19,7 @@ from torchliner.studies.laws import BOUNDS, Knots, curve_law
 from torchliner.studies.runs import residuals_of
 
 pytestmark = [
-    pytest.mark.filterwarnings("ignore:without it, "),  # the fastest run is always alone there
-    pytest.mark.filterwarnings("ignore:.*predicted by the other runs, off by more"),
+    pytest.mark.filterwarnings("ignore:.*% of its weight lies at"),
 ]
 ORDER = "admittance"
 TRUE = {"vena_contracta": 0.6, "mass_loss": 2.0}
@@ -128,7 +127,7 @@ def test_leaving_out_is_a_refit_by_hand(cases):
     fit, squares = found.fit, {}
     for run, row in zip(fit.runs, found.rows, strict=True):
         others = [other for other in fit.runs if other.case != run.case]
-        (by_hand,) = fit_law(fit.law, others, fit.choices, fit.knots, stated=True).rows_of(run)
+        (by_hand,) = fit_law(fit.law, others, fit.choices, fit.knots).rows_of(run)
         assert row.impedance == pytest.approx(by_hand.impedance, abs=1e-8)
         assert row.standard == pytest.approx(by_hand.standard)
         assert row.fitted != pytest.approx(row.impedance, abs=1e-4)
@@ -173,7 +172,7 @@ def test_several_frequencies_have_a_curve_each():
     one = tl.identify(runs, base(), [z[1] for z in wanted], freedom=1.0, noise=1e-3, averaging=ORDER)
     both = [each.fit.band(FREQUENCY, [0.2, 1.0, 2.0])[0].tolist() for each in (found, one)]
     assert both[0] == pytest.approx(both[1], rel=0.01)
-    with pytest.raises(ValueError, match=r"no curve is known at 700 Hz, but at 1000, 1400 Hz"):
+    with pytest.raises(ValueError, match="no curve is known at"):
         found.fit.predict(runs[0], frequency=700.0)
 
 
@@ -183,7 +182,6 @@ def test_several_frequencies_have_a_curve_each():
         ({"planes": 2}, r"2 run\(s\) \(run 0.2, run 0.7\) .* at least 3"),
         ({"models": [("mas_loss",)]}, r"unknown parameter 'mas_loss' \(did you mean 'mass_loss'\?"),
         ({"models": []}, r"no model is named"),
-        ({"models": [{"mach": (0.0, 0.5)}]}, r"mach is that of each plane"),
         ({"models": [{"offset_resistance": (-3.0, -2.0)}]}, r"no fit is passive: R falls to -"),
     ],
 )
@@ -256,7 +254,7 @@ def test_bands_cover_the_truth():
         for run, away in zip(first.runs, noise, strict=True):
             z = run.impedance(shape.curve(drawn, liner, lines, run.speeds)) + 0.01 * torch.complex(*away)
             made.append(dataclasses.replace(run, wanted=z, noise=0.01 + 0.01j))
-        _best, low, high = fit_law(first.law, made, first.choices, first.knots, stated=True).band(FREQUENCY, speed)
+        _best, low, high = fit_law(first.law, made, first.choices, first.knots).band(FREQUENCY, speed)
         (wanted,) = shape.curve(drawn, liner, lines, speed)
         for part in ("real", "imag"):
             least, middle, most = (getattr(z, part) for z in (low, wanted, high))

@@ -18,7 +18,6 @@ from torchliner.report.fields import level_and_phase
 from torchliner.report.figure import AVERAGINGS as COLOUR_OF
 from torchliner.report.maps import over_surface
 from torchliner.studies.heights import study_heights
-from torchliner.studies.validation import reference_wave_phase, validate
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -258,29 +257,3 @@ def test_plots_go_into_given_axes_at_a_given_frequency(tmp_path):
 
 
 # --- validation
-
-
-def test_rule_table_covers_every_rule_once(liner):
-    """4 drives x 3 phase rules x 3 averagings a plane; 'given' uses the true wave's phase."""
-    plane = plane_of(turbulence((3, 480)), height=1e-3, reference={"true": 1 - 0.2j})
-    rows = validate(plane, liner)
-    keys = {(r.drive, r.mean, r.phase, r.averaging) for r in rows}
-    assert len(rows) == len(keys) == 36
-    averaged = tl.educe(plane, liner)
-    psi = reference_wave_phase(plane, averaged)
-    stated = tl.educe(plane, liner, phase="given", reference_phase=psi)
-    wanted = ("instantaneous", "kept", "given", "admittance")
-    row = next(r for r in rows if (r.drive, r.mean, r.phase, r.averaging) == wanted)
-    assert row.educed == pytest.approx(complex(stated.liner["admittance"].impedance[0]), abs=1e-12)
-
-
-def test_reference_wave_phase_by_hand(liner):
-    """v_in = c (X - Y): with Z = 1 there is no reflection and x has the phase of v_in = -v."""
-    t = torch.arange(480, dtype=torch.float64) / 42000.0
-    plane = plane_of(-torch.cos(2 * torch.pi * 1400 * t + 0.8)[None], reference={"true": 1 + 0j})
-    assert reference_wave_phase(plane, tl.educe(plane, liner)) == pytest.approx(0.8, abs=1e-9)
-
-
-def test_truth_needs_a_truth(liner):
-    with pytest.raises(ValueError, match="states no reference impedance"):
-        validate(plane_of(turbulence((2, 480))), liner)

@@ -11,7 +11,7 @@ from test_audit import Counted
 import torchliner as tl
 from common import tables_of
 from studies.limits import hole_velocity, reach, speed_that_gives
-from torchliner.studies.validation import validate
+from studies.validation import reference_wave_phase, validate
 
 page = load_script("validation_page")
 TABLES = tables_of(page.PAGE)
@@ -131,10 +131,11 @@ def test_page_states_every_case_and_rule():
     assert set(TABLES) == {"default", "rules", "reasons", "limits"} | others
 
 
-@pytest.mark.slow
-def test_the_package_has_the_default_rows(tmp_path):
-    page.write_rows(page.known_rows(ROWS), tmp_path / "known.csv", end="\n")
-    assert (tmp_path / "known.csv").read_text() == page.KNOWN.read_text()
+def test_reference_wave_phase_by_hand(liner):
+    """v_in = c (X - Y): with Z = 1 there is no reflection and x has the phase of v_in = -v."""
+    t = torch.arange(480, dtype=torch.float64) / 42000.0
+    plane = plane_of(-torch.cos(2 * torch.pi * 1400 * t + 0.8)[None], reference={"true": 1 + 0j})
+    assert reference_wave_phase(plane, tl.educe(plane, liner)) == pytest.approx(0.8, abs=1e-9)
 
 
 @pytest.mark.slow

@@ -2,13 +2,13 @@
 # fmt: off
 """Public names of torchliner; written by scripts/make_stub.py."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 import torch
 
-from torchliner.studies.sensitivities import Sensitivities
+from torchliner.studies.variants import Study
 from torchliner.liners.model import Liner
 from torchliner.velocity.reading import Progress
 
@@ -107,4 +107,4 @@ class _Choices(TypedDict, total=False):
     dtype: str | torch.dtype | None
 def educe(plane: Any, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
 def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, **choices: Unpack[_Choices]) -> Moments: ...
-def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Sensitivities: ...
+def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, tolerances: Mapping[str, Any] | None=None, limits: str='rectangular', progress: Progress | None=None, **choices: Unpack[_Choices]) -> Study: ...

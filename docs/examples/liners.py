@@ -19,7 +19,6 @@ print(table.impedance(1400.0, 0.0))
 print(tl.goodrich_resistance(0.3, 0.05, 1.7e-3, 0.8e-3))
 
 planes = [tl.read_plane(f"data/slit_{case}_y2.5mm.h5") for case in ("n115", "n130")]
-change = tl.sensitivities(planes[1], slit, parameters=["porosity"]).per_percent()
-print(change.liner["velocity"])
+print(tl.sensitivities(planes[1], slit, parameters=["porosity"]).rows[0].step)
 print(tl.calibrate(planes, slit, "true", {"vena_contracta": (0.4, 1)}, noise=0.002).values)
 print(tl.identify(planes, slit, models=[("vena_contracta",)], noise=0.002).fit.law.label)

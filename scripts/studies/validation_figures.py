@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from studies.limits import reach
+from studies.validation import DEFAULT, DRIVES
 from torchliner.names import AVERAGINGS, PHASES
 from torchliner.report.figure import COLOURS, MARKERS, PARTS, Figure, finish, legend_below, styled, subplots
-from torchliner.studies.validation import DEFAULT, DRIVES
 from torchliner.studies.variants import Row
 
 FASTEST, FREQUENCY = 100.0, 1400.0  # m/s, for the sets that a model can reach: o145 and the g cases stay below; Hz

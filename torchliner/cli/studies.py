@@ -56,11 +56,9 @@ def compare_models(options: argparse.Namespace) -> None:
 
 def sensitivity(options: argparse.Namespace) -> None:
     """Change of Z with each parameter of a liner; tolerances."""
-    tolerances = dict(options.tolerance)
-    wanted = options.parameters or [*tolerances] or None
-    found = _asked(options, tl.sensitivities, [options.plane], parameters=wanted)
-    budget = found.propagate(tolerances, limits=options.limits) if tolerances else None
-    work.show(options, found, averaging=options.averaging, budget=budget, limits=options.limits)
+    about: Any = {"tolerances": dict(options.tolerance), "limits": options.limits}
+    found = _asked(options, tl.sensitivities, [options.plane], parameters=options.parameters, **about)
+    work.show(options, found, averaging=options.averaging, limits=options.limits)
 
 
 def calibrate(options: argparse.Namespace) -> int:

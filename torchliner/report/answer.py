@@ -27,7 +27,7 @@ HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of
     "Fit": "of_studies:of_fit",
     "candidates": "of_studies:of_identification",
     "LevelCurve": "of_studies:of_curve",
-    "Sensitivities": "of_studies:of_sensitivities",
+    "slopes": "of_studies:of_sensitivities",
     "skipped": "of_studies:of_audit",
     "words": "of_studies:of_comparison",
     "sorted_by": "of_studies:of_models",

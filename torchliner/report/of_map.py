@@ -23,7 +23,6 @@ from torchliner.report.maps import (
 from torchliner.report.studies import draw_comparison, draw_over_height
 from torchliner.report.table import STATISTICAL, Row, table_of
 from torchliner.studies.compare import compare
-from torchliner.studies.validation import nearest_case
 from torchliner.studies.variants import rows_of
 from torchliner.velocity.background import background_words
 
@@ -41,8 +40,7 @@ def of_maps(*results: ImpedanceMap, planes: Sequence[VelocityPlane] = ()) -> Ans
     answers = [row for row in rows if row["averaging"] in (first.averaging, MATCHED)]
     lines = [f"Level check: {one.level_check_words}." for one in results]
     if not several:
-        near = nearest_case(first, main)
-        lines = [_line(first, main), *([near] if near else []), level_line(first, main)]
+        lines = [_line(first, main), level_line(first, main)]
     verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
     state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
     name = case_title(first) if several else first.title

@@ -10,7 +10,6 @@ from torchliner.report import studies
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words
 from torchliner.report.table import Table, bounds_of, format_complex, table_of
 from torchliner.studies.fit import Fit
-from torchliner.studies.sensitivities import Sensitivities
 from torchliner.studies.variants import Row, Study, rows_of
 from torchliner.velocity.ir_tdibc import LevelCurve
 
@@ -76,30 +75,16 @@ def of_models(found: Study) -> Answer:
     )
 
 
-def of_sensitivities(
-    found: Sensitivities, averaging: str | None = None, budget: Study | None = None, limits: str = "rectangular"
-) -> Answer:
-    """dZ of each parameter per SI unit and per 1 %, or its share of a ``budget`` of uncertainty; largest first."""
+def of_sensitivities(found: Study, averaging: str | None = None, limits: str = "rectangular") -> Answer:
+    """dZ of each parameter per SI unit and per 1 %, or its share of the uncertainty; largest first."""
     averaging, frequency = averaging or found.found.averaging, found.found.frequency.tolist()
-    nominal, rows = found.found.liner[averaging].impedance.tolist(), list[dict[str, Any]]()
+    nominal = found.found.liner[averaging].impedance.tolist()
     lines = [f"Z = {format_complex(z)} at {f:g} Hz" for f, z in zip(frequency, nominal, strict=True)]
-    if budget is None:
-        shown, meaning = "slope,step", "p in its unit"
-        columns = rows_of(
-            frequency=found.found.frequency,
-            parameter=[[name] for name in found.numbers],
-            value=[[number.value] for number in found.numbers.values()],
-            unit=[[number.unit] for number in found.numbers.values()],
-            slope=found.liner[averaging],
-            step=found.per_percent().liner[averaging],
-        )
-        rows = sorted(columns, key=lambda row: (frequency.index(row["frequency"]), -abs(row["step"])))
-    else:
+    shown, meaning, rows = "slope,step", "p in its unit", found.of(averaging=averaging)
+    if "combined" in found:
         shown, meaning = "half_width,standard,change", f"tolerances are {limits}"
-        for row in budget.of(averaging=averaging):
-            rows.append({key: value for key, value in row.items() if key != "impedance"} | {"change": row.impedance})
-        for i, total in enumerate(budget.combined[averaging].tolist()):
-            rows.append({"frequency": frequency[i], "parameter": "combined", "change": total})
+        for i, total in enumerate(found.combined[averaging].tolist()):
+            rows.append(Row(frequency=frequency[i], parameter="combined", change=total))
             lines[i] += f", standard uncertainty of R {total.real:.2g} and of X {total.imag:.2g}"
     return Answer(
         title=f"Sensitivities: {found.found.title}",
@@ -131,7 +116,7 @@ def of_heights(study: Study) -> Answer:
     return Answer(
         title=f"Heights: {study.title}, {study.frequency:g} Hz",
         lines=lines,
-        table=table_of(study.rows, f"{shown},coherence,velocity_rms,modulation,drift"),
+        table=table_of(study.rows, f"{shown},coherence,velocity_rms,drift"),
         caption="Each height, whole plane.",
         grids=[Grid("judged", "Level check in dB, all else a share of 1.", judged)],
         remarks=[f"not used above: {name}: {format_complex(z)}" for name, z in study.reference.items()],
@@ -179,7 +164,6 @@ def of_fit(found: Fit, predicted: Sequence[Any] = (), words: str = "") -> Answer
         for j in range(i)
         if spread[i] * spread[j] > 0
     ]
-    noise = "stated noise" if found.stated else "noise from the residual"
     title, drawn, about = f"averaging: {found.choices.averaging}", list(predicted or found.rows), _about(found)
     draw = partial(studies.draw_predictions, drawn, title)
     return Answer(
@@ -188,7 +172,7 @@ def of_fit(found: Fit, predicted: Sequence[Any] = (), words: str = "") -> Answer
         table=_parameters(found),
         caption="The parameters that were fitted, SI.",
         grids=_planes(found.rows, "The planes that were fitted.", predicted),
-        remarks=[f"{found.data} data, {len(names)} parameters, {noise}; {title}"],
+        remarks=[f"{found.data} data, {len(names)} parameters; {title}"],
         notes=found.notes,
         step="predict other planes: --predict PLANE ..." if not predicted else "",
         pictures=[Picture("predictions", title, draw, lambda: drawn)],
@@ -220,7 +204,7 @@ def _planes(rows: Sequence[Any], caption: str, predicted: Sequence[Any]) -> list
 
 def _about(found: Fit) -> dict[str, Any]:
     """Of a fit, for JSON."""
-    about = {name: getattr(found, name) for name in ("covariance", "unseen", "freedom", "seen_speeds")}
+    about = {name: getattr(found, name) for name in ("covariance", "unseen", "seen_speeds")}
     squares = float(found.residuals.square().sum())
     return about | {"law": found.law.label, "averaging": found.choices.averaging, "sum_of_squares": squares}
 

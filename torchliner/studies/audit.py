@@ -14,9 +14,8 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_choice, tell
 from torchliner.engine.kernels import kernel_band, kernel_taps, tap_response
 from torchliner.engine.moments import Moments
-from torchliner.liners.layered import CellLiner
 from torchliner.liners.model import Liner, LinerModel, as_liner, reflection_of
-from torchliner.liners.sdof import SDoFLiner, porosity_readings, velocity_readings
+from torchliner.liners.sdof import porosity_readings, velocity_readings
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
 from torchliner.records.case import planes_by_height
@@ -58,10 +57,9 @@ def audit(
         averaging: one of ``names.AVERAGINGS``.
         choices: of the base, see ``torchliner.velocity.choices.Choices``; its phase rule is ``averaged``.
     Returns:
-        title, frequency (Hz), averaging; base (Z of the whole liner), low, high, level (its interval; None without
-        one), level_check (dB), level_check_words, choices, notes; skipped (factors that cannot be varied with these
-        data, and why). ``rows``, the factor that moves Z most first: factor, variant, impedance, change (off the base),
-        level_check.
+        base (Z of the whole liner), low, high, level (its interval; None without one), level_check (dB), skipped
+        (factors that cannot be varied with these data, and why). ``rows``, the factor that moves Z most first: factor,
+        variant, impedance, change (off the base), level_check.
     Raises:
         ValueError: as ``educe``; several frequencies; planes of several cases.
     """
@@ -124,23 +122,21 @@ def _vary(base: Variant, factor: str, name: str, **changes: Any) -> Variant:
     return replace(base, labels={"factor": factor, "variant": name}, chosen=replace(base.chosen, **changes), **about)
 
 
-def _other_liners(model: LinerModel) -> tuple[dict[tuple[str, str], LinerModel], dict[str, str]]:
+def _other_liners(model: Any) -> tuple[dict[tuple[str, str], LinerModel], dict[str, str]]:
     """By factor and variant; and why a factor has none."""
-    coefficients = [value for value in CONTRACTION_COEFFICIENTS if value != getattr(model, "vena_contracta", None)]
-    makers: dict[str, tuple[type, Callable[[Any], dict[str, Any]]]] = {
-        "contraction coefficient": (
-            SDoFLiner,
-            lambda own: {f"{c:g}": own.replace(vena_contracta=c) for c in coefficients},
-        ),
-        "velocity reading": (CellLiner, velocity_readings),
-        "porosity reading": (SDoFLiner, porosity_readings),
+    makers: dict[str, Callable[[], dict[str, Any]]] = {
+        "contraction coefficient": lambda: {
+            f"{c:g}": model.replace(vena_contracta=c) for c in CONTRACTION_COEFFICIENTS if c != model.vena_contracta
+        },
+        "velocity reading": lambda: velocity_readings(model),
+        "porosity reading": lambda: porosity_readings(model),
     }
     found, skipped = dict[tuple[str, str], LinerModel](), dict[str, str]()
-    for factor, (needed, others) in makers.items():
+    for factor, others in makers.items():
         try:
-            if not isinstance(model, needed):
-                raise ValueError(f"{type(model).__name__} has no such parameter")
-            found |= {(factor, name): other for name, other in others(model).items()}
+            found |= {(factor, name): other for name, other in others().items()}
+        except AttributeError:
+            skipped[factor] = f"{type(model).__name__} has no such parameter"
         except ValueError as reason:
             skipped[factor] = str(reason)
     return found, skipped

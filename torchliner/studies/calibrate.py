@@ -12,7 +12,7 @@ import torch
 
 from torchliner.checks import require_choice, tell
 from torchliner.engine.moments import Moments
-from torchliner.liners.model import Liner, LinerModel, as_liner, named_numbers
+from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.sdof import AdjustedSDoFLiner, EndLossSDoFLiner, FlowSDoFLiner, SDoFLiner
 from torchliner.records import VelocityPlane
 from torchliner.studies.fit import Fit, fit_law
@@ -27,9 +27,7 @@ LEFT_OUT = 1e3  # u(X) with which a reactance does not count
 QUIET = 0.02  # Mach number that counts as no flow
 CURVE = "curve"
 FREEDOMS = (0.1, 0.3, 1.0, 3.0)  # of which leaving out chooses
-SHARE = 0.02  # of |Z|: noise of references for which none is stated
 CHECKED = 400  # |v| at which a fit must be passive
-WIDE = 3.0  # standard deviations, beyond which a prediction is not covered
 
 
 def calibrate(
@@ -51,27 +49,19 @@ def calibrate(
         references: normalised Z by plane, complex, (F,) each, or the name of a reference that every plane holds.
         parameters: bounds, SI, by name of ``liner.numbers()``; ``offset`` is both parts.
         averaging: one of ``names.AVERAGINGS``.
-        noise: standard uncertainty of R and X of the references, one number or u(R) + j u(X). None: equal and unknown,
-            taken from the residual.
+        noise: standard uncertainty of R and X of the references, one number or u(R) + j u(X); default 2 % of |Z|.
+            Misfits above it widen every uncertainty.
         frequency: Hz; default each plane's tone.
         choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
     Raises:
-        TypeError: a liner without numbers.
-        ValueError: fewer data (R and X of each plane and frequency) than parameters, bounds that no liner can have,
-            references that are missing.
+        ValueError, TypeError: fewer data than parameters, bounds that no liner can have, references that are missing.
         RuntimeError: the least squares do not converge.
-    Warns:
-        DataWarning: a parameter on a bound, parameters that cannot be told apart, a misfit beyond the stated noise;
-            also kept in ``notes``.
-    Source: Gauss-Newton covariance and Student's t for unknown noise: Seber & Wild, Nonlinear Regression (1989),
-        section 2.1. Trust-region reflective steps of scipy.
+    Source: Gauss-Newton covariance: Seber & Wild, Nonlinear Regression (1989), section 2.1.
     """
     chosen = choices_of_fit(averaging=averaging, **choices)
     runs = read_runs(planes, liners, frequency, chosen)
     law = parameter_law(parameters, runs[0].liner)
-    for run in runs[1:]:
-        named_numbers(run.liner, law.names)
-    return _told(fit_law(law, held(runs, references, noise), chosen, knots_for(runs), stated=noise is not None))
+    return _told(fit_law(law, held(runs, references, noise), chosen, knots_for(runs)))
 
 
 def _told(fit: Fit) -> Fit:
@@ -96,8 +86,7 @@ def calibrate_without_flow(
     Returns:
         The fit, and by law the rms error of the reactances that were left out.
     Raises:
-        ValueError: a plane with flow; as ``calibrate``.
-        TypeError: the liner is no ``SDoFLiner``.
+        ValueError, TypeError: a plane with flow; a liner that is no ``SDoFLiner``; as ``calibrate``.
     """
     model, chosen = as_liner(liner), choices_of_fit(**{"averaging": AVERAGING, **choices})
     if not isinstance(model, SDoFLiner):
@@ -110,28 +99,27 @@ def calibrate_without_flow(
         for name in model.groups["offset"]:
             value = model.numbers()[name].value
             free[name] = value - 0.5, value + 0.5
-    found = dict[str, tuple[float, Fit]]()
-    for name, kind in {"as given": type(model), "end loss": EndLossSDoFLiner}.items():
-        if name == "end loss" and isinstance(model, kind):
-            continue
-        made, errors = model if name == "as given" else EndLossSDoFLiner.of(model), list[float]()
-        own = [replace(run, liner=made) for run in runs]
+    laws, found = {"as given": model}, dict[str, tuple[float, Fit]]()
+    if not isinstance(model, EndLossSDoFLiner):
+        laws["end loss"] = EndLossSDoFLiner.of(model)
+    for name, made in laws.items():
+        own, errors = [replace(run, liner=made) for run in runs], list[float]()
         law, knots = parameter_law(free, made), knots_for(own)
         for level in sorted(set(levels))[1:] or levels[:1]:
             out = [each == level for each in levels]
             blind = (replace(run, noise=complex(run.noise.real, LEFT_OUT)) for run in own)
             mixed = [other if left else run for run, other, left in zip(own, blind, out, strict=True)]
-            rows = zip(fit_law(law, mixed, chosen, knots, stated=True).rows, out, strict=True)
+            rows = zip(fit_law(law, mixed, chosen, knots).rows, out, strict=True)
             errors += [(row.impedance - row.true).imag for row, left in rows if left]
         score = float(torch.tensor(errors).square().mean().sqrt())
-        found[name] = score, fit_law(law, own, chosen, knots, stated=True)
+        found[name] = score, fit_law(law, own, chosen, knots)
     _, best = min(found.values(), key=lambda each: each[0])
     return _told(best), {name: score for name, (score, _) in found.items()}
 
 
 def identify(
     planes: VelocityPlane | Moments | Sequence[VelocityPlane | Moments],
-    liners: Liner | Sequence[Liner],
+    liner: Liner,
     references: Any = "true",
     *,
     models: Sequence[str | Sequence[str] | Mapping[str, tuple[float, float]]] = (CURVE,),
@@ -145,45 +133,31 @@ def identify(
     """The response Z(f, |v|) of a liner, found from runs whose impedance is known.
 
     Args:
-        planes, references, averaging, frequency, choices: as for ``calibrate``. Planes of one case (heights, cells)
-            share one reference and are left out together.
-        liners: one for all planes, or one each: cells, gas, the prior shape of the curve (that of the first;
-            differences of Z at rest stay), the law whose parameters are freed. SDoF liners take factors
+        planes, references, averaging, noise, frequency, choices: as for ``calibrate``. Planes of one case (heights,
+            cells) share one reference and are left out together.
+        liner: cells, gas, the prior shape of the curve, the law whose parameters are freed. SDoF liners take factors
             (``AdjustedSDoFLiner``) and the Mach number of each plane.
         models: "curve", names of parameters (with usual bounds), or bounds in SI by name. Which of them predicts best
             what it has not seen is found by leaving out each run.
-        noise: as for ``calibrate``; 2 % of |Z| by default. Misfits above it widen every uncertainty.
         rest: standard uncertainty u(R) + j u(X) of the liner's own Z at rest, where that was measured; by default R is
             free within factors of e and X within 0.5.
         freedom: of a curve, see ``studies.laws``; default that of 0.1, 0.3, 1 and 3 which predicts best.
     Returns:
-        fit (of the law that predicts runs it has not seen best, to all runs), rows (as of ``Fit.predict`` by a fit to
-        the other runs; fitted: Z by the fit to all), notes, candidates (all laws, the best first: label, fit, rows;
-        error: rms over the runs of ``off``; lowest: least resistance over 0 to the largest |v| of the data).
+        fit (of the best law to all runs), rows (as of ``Fit.predict`` by a fit to the other runs; fitted: Z by the fit
+        to all), notes, candidates (all laws, the best first: label, fit, rows; error: rms over the runs of ``off``;
+        lowest: least resistance over 0 to the largest |v| of the data).
     Raises:
-        ValueError: too few runs, references that are missing, unknown parameters, fits none of which is passive.
-        TypeError: parameters of a liner without numbers.
-    Warns:
-        DataWarning: predictions at speeds that no other run saw, misfits above the noise, predictions that their
-            uncertainty does not cover; also kept in ``notes``.
+        ValueError, TypeError: too few runs, fits none of which is passive; as ``calibrate``.
     Source: Roncen et al. (2026), section 3, inverted; monotone splines by sums of B-splines after Ramsay, Statistical
         Science 3 (1988) 425, the logarithms of whose coefficients are free.
     """
-    chosen, several = choices_of_fit(averaging=averaging, **choices), isinstance(liners, list | tuple)
-    each_one: Any = liners if several else [liners]
-    made = {id(each): with_flow(as_liner(each)) for each in each_one}  # planes of one liner share one object
-    given: Any = [made[id(each)] for each in each_one] if several else made[id(liners)]
-    first, laws = next(iter(made.values())), list[Law]()
+    chosen, model, laws = choices_of_fit(averaging=averaging, **choices), with_flow(as_liner(liner)), list[Law]()
     for names in (names for names in models if names != CURVE):
         if isinstance(names, str):
             require_choice("model", names, [CURVE])
-        bounds = dict(names) if isinstance(names, Mapping) else bounds_for(names, first)
-        if "mach" in bounds:
-            raise ValueError("mach is that of each plane and cannot be free; free mach_resistance or mach_mass_loss")
-        laws.append(parameter_law(bounds, first))
-    runs = held(read_runs(planes, given, frequency, chosen, any_curve=True), references, noise)
-    if noise is None:
-        runs = [replace(run, noise=SHARE * (1 + 1j) * run.wanted.abs()) for run in runs]
+        bounds = dict(names) if isinstance(names, Mapping) else bounds_for(names, model)
+        laws.append(parameter_law(bounds, model))
+    runs = held(read_runs(planes, model, frequency, chosen), references, noise)
     fewest, seen = (3 if CURVE in models else 2), list(dict.fromkeys(run.case for run in runs))
     if len(seen) < fewest:  # where one is left out, the others are still to say something
         raise ValueError(
@@ -201,12 +175,6 @@ def identify(
         raise ValueError(f"no fit is passive: {why}; fit a curve, which is, or narrow the bounds")
     best = candidates[0]
     notes = [*(note for run in runs for note in run.notes), *best.fit.notes]
-    notes += [f"without it, {text}" for text in best.beyond]
-    if far := [row.label for row in best.rows if max(abs(row.misses.real), abs(row.misses.imag)) > WIDE]:
-        notes.append(
-            f"{', '.join(dict.fromkeys(far))}: predicted by the other runs, off by more than {WIDE:g} standard "
-            "deviations; the uncertainty of the fit does not cover what its law misses"
-        )
     active = [each for each in candidates if each.lowest < 0]
     notes += [f"{each.label} is not passive: R falls to {each.lowest:.3g}; it was not chosen" for each in active]
     tell(notes)
@@ -223,18 +191,15 @@ def with_flow(liner: LinerModel) -> LinerModel:
 
 def _leave_out(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots) -> Row:
     """Fit to all runs, then without the planes of each case."""
-    fit, found = fit_law(law, runs, choices, knots, stated=True), dict[int, list[Row]]()
-    errors, beyond = list[float](), list[str]()
+    fit, found, errors = fit_law(law, runs, choices, knots), dict[int, list[Row]](), list[float]()
     for case in dict.fromkeys(run.case for run in runs):
-        mine, others = [run for run in runs if run.case == case], [run for run in runs if run.case != case]
-        left = fit_law(law, others, choices, knots, stated=True)
-        found |= {id(run): left.rows_of(run) for run in mine}
-        off = [row.off for run in mine for row in found[id(run)]]
+        left = fit_law(law, [run for run in runs if run.case != case], choices, knots)
+        mine = {id(run): left.rows_of(run) for run in runs if run.case == case}
+        off = [row.off for rows in mine.values() for row in rows]
         errors.append(sum(each**2 for each in off) / len(off))
-        beyond += [text for run in mine for row in found[id(run)] for text in left.beyond(row.label, row.outside)]
+        found |= mine
     both = zip((row for run in runs for row in found[id(run)]), fit.rows, strict=True)
-    rows = tuple(Row(row, fitted=own.impedance) for row, own in both)
     speeds = torch.linspace(0, knots.top**0.5, CHECKED, dtype=torch.float64).square()
     lowest = min(float(law.curve(fit.values, run.in_flow, run.frequency, speeds).real.min()) for run in runs)
-    error = (sum(errors) / len(errors)) ** 0.5
-    return Row(label=law.label, fit=fit, rows=rows, error=error, lowest=lowest, beyond=beyond)
+    rows, error = tuple(Row(row, fitted=own.impedance) for row, own in both), (sum(errors) / len(errors)) ** 0.5
+    return Row(label=law.label, fit=fit, rows=rows, error=error, lowest=lowest)

@@ -31,10 +31,9 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
         first, second: of the same cells and frequencies.
         averaging: default that of the first.
     Returns:
-        averaging, words (what the intervals are), level (of them; None without any). ``rows``, the whole liner first,
-        then cells, by frequency: place (``liner`` or ``cell 0``, ...), x, z (its centre, m), frequency (Hz), first,
-        second, difference (Z), low, high (of its statistical interval; None without), differs_in (parts whose interval
-        has no 0: "R", "X", "R, X" or "").
+        averaging, words (what the intervals are), level (of them; None without any). ``rows``, the whole liner first:
+        place (``liner`` or ``cell 0``, ...), x, z (its centre, m), frequency (Hz), first, second, difference (Z), low,
+        high (of its statistical interval; None without), differs_in (parts whose interval has no 0: "R", "X", "R, X").
     Raises:
         ValueError: other cells, frequencies, averagings or levels of the interval.
     """
@@ -107,15 +106,12 @@ def compare_models(
         reference_phase: rad, for ``phase="given"``.
         progress, choices: as for ``educe``.
     Returns:
-        title, averaging, level (of the intervals; None without any), sorted_by (``|Z - true|`` or that to another
-        reference; ``|level check|``; or ``as given``), references (Z at the tone, by name), level_check_words, notes.
-        ``rows``, by frequency, then the nearest model first: model, frequency (Hz), impedance, low, high, level_check
-        (dB), distance (|Z - reference| by name; empty away from the tone), model_error (largest error in R of the
-        interpolation over |v|).
+        sorted_by (``|Z - true|`` or that to another reference; ``|level check|``; or ``as given``), references (Z at
+        the tone, by name). ``rows``, by frequency, then the nearest model first: model, frequency (Hz), impedance, low,
+        high, level_check (dB), distance (|Z - reference| by name; empty away from the tone), model_error (largest error
+        in R of the interpolation over |v|).
     Raises:
-        ValueError: fewer than two models; a frequency outside a model's range; as ``educe``.
-    Warns:
-        DataWarning: of the data and of each model, as ``educe``; models of other cells.
+        ValueError: fewer than two models; as ``educe``.
     """
     facts, chosen = plane_of(plane), Choices(**choices)
     if len(liners) < 2:

@@ -2,13 +2,11 @@
 
 import dataclasses
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
-from scipy.special import stdtrit
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY, tell
@@ -23,11 +21,10 @@ from torchliner.velocity.choices import Choices
 
 START = (0.02, 0.98)  # of the box: a start on a bound could not leave it
 ON_BOUND = 1e-3  # of the box
-UNSEEN, NAMED = 1e-6, 0.2  # of the largest singular value, a direction not seen; share in it of a parameter named
 WIDTH = 1.959964  # standard deviations of a 95 % interval
 SEEN = 0.02  # of a plane's weight: a spline that no plane gives as much is not seen
 OUTSIDE = 0.1  # of a plane's weight, at speeds beyond those that others saw, that is warned of
-FAR = 2.0  # times the stated noise from which a misfit is one of the model
+FAR = 2.5  # times the noise from which a misfit is one of the model
 MARGIN, ROWS = 1.25, 120  # times the last knot, to which a table reaches; its speeds, uniform in sqrt |v|
 
 
@@ -38,13 +35,11 @@ class Fit:
     Args:
         law, runs, choices: what was fitted to what, and how planes are read.
         knots: of splines, by whose weights speeds count as seen.
-        stated: whether the noise is known; else the residual stands for it.
         values, residuals: best, (n,); what is left of the data and then of the prior there, (m,).
         determined: how many parameters the data determine: all, but of a curve.
         misfit: rms of what is left of the data over the noise.
-        covariance: Gauss-Newton, (n, n), wider by a misfit above the stated noise; 0 for what is on a bound; nan where
-            nothing says how large the noise is.
-        on_bound, unseen: parameters that end on a bound, and those in each direction that the data do not determine.
+        covariance: Gauss-Newton, (n, n), wider by a misfit above the noise; 0 for what is on a bound.
+        on_bound: parameters that end there.
         notes: warnings, with numbers.
     """
 
@@ -52,25 +47,18 @@ class Fit:
     runs: tuple[Run, ...]
     choices: Choices
     knots: Knots
-    stated: bool
     values: Tensor
     residuals: Tensor
     determined: float
     misfit: float
     covariance: Tensor
     on_bound: tuple[str, ...]
-    unseen: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 
     @property
     def data(self) -> int:
         """How many numbers the runs are held to."""
         return len(self.residuals) - len(self.law.prior)
-
-    @property
-    def freedom(self) -> int:
-        """Data and priors less parameters."""
-        return len(self.residuals) - len(self.values)
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -84,9 +72,15 @@ class Fit:
 
     @property
     def interval(self) -> Tensor:
-        """95 % about the values, inside the bounds, (2, n); Student's t where the residual stands for the noise."""
-        reach = (WIDTH if self.stated else float(stdtrit(max(self.freedom, 1), 0.975))) * self.standard
-        return torch.stack([self.values - reach, self.values + reach]).clamp(self.law.low, self.law.high)
+        """95 % about the values, inside the bounds, (2, n)."""
+        ends = torch.stack([self.values - WIDTH * self.standard, self.values + WIDTH * self.standard])
+        return ends.clamp(self.law.low, self.law.high)
+
+    @property
+    def unseen(self) -> tuple[str, ...]:
+        """Parameters whose interval is all of their bounds: the data do not determine them, or not apart."""
+        low, high = (self.interval - torch.stack([self.law.low, self.law.high])).abs()
+        return tuple(name for name, a, b in zip(self.law.names, low, high, strict=True) if not (a or b))
 
     @property
     def liner(self) -> LinerModel:
@@ -114,7 +108,7 @@ class Fit:
             low, high = torch.complex(z.real / factor, low.imag), torch.complex(z.real * factor, high.imag)
         return torch.stack([z, low, high])
 
-    def weights(self, runs: Sequence[Run]) -> Tensor:
+    def weights(self, *runs: Run) -> Tensor:
         """Share of each spline of ``knots`` in Z of each plane and frequency, (D, n)."""
         curves = curves_at_nodes(self.law, self.values, runs)
         return torch.cat([run.splines(z, self.knots) for run, z in zip(runs, curves, strict=True)])
@@ -122,7 +116,7 @@ class Fit:
     @functools.cached_property
     def seen(self) -> Tensor:
         """The splines that the runs see, from the first to the last, (n,)."""
-        known = self.weights(self.runs).amax(0) >= SEEN
+        known = self.weights(*self.runs).amax(0) >= SEEN
         return (known.cumsum(0) > 0) & (known.flip(0).cumsum(0).flip(0) > 0)
 
     @property
@@ -153,7 +147,7 @@ class Fit:
             before=run.impedance(impedances_at(run.in_flow, run.frequency, run.speeds)),
             impedance=z,
             standard=standard,
-            outside=self.weights([run])[:, ~self.seen].sum(1),
+            outside=self.weights(run)[:, ~self.seen].sum(1),
             true=run.wanted,
             misses=misses,
             off=off,
@@ -179,28 +173,22 @@ class Fit:
         Warns:
             DataWarning: more than 10 % of the weight is outside.
         """
-        curve = bool(self.law.frequencies)
-        (run,) = read_runs(plane, self.runs[0].liner, frequency, self.choices, any_curve=curve)
+        (run,) = read_runs(plane, self.runs[0].liner, frequency, self.choices)
         true, tone = run.plane.reference.get(reference), run.plane.frequency
         if true is not None and bool(((run.frequency / (tone or run.frequency) - 1).abs() < SAME_FREQUENCY).all()):
             wanted = torch.full(run.frequency.shape, complex(true), dtype=torch.complex128)
             run = dataclasses.replace(run, wanted=wanted)
-        rows = self.rows_of(run, noise)
-        tell(self.beyond(run.plane.name, max(row.outside for row in rows)))
+        rows, (low, high) = self.rows_of(run, noise), self.seen_speeds
+        if (outside := max(row.outside for row in rows)) > OUTSIDE:
+            tell(
+                f"{run.plane.name}: {100 * outside:.0f} % of its weight lies at |v| that no run saw (seen: about "
+                f"{low:.3g} to {high:.3g} m/s); what the law misses there is not in the uncertainty: add a run there"
+            )
         return rows
 
-    def beyond(self, name: str, outside: float) -> list[str]:
-        """Whether a plane leaves the speeds that the runs saw."""
-        low, high = self.seen_speeds
-        text = (
-            f"{name}: {100 * outside:.0f} % of its weight lies at |v| that no other run saw (seen: about {low:.3g} to "
-            f"{high:.3g} m/s); what the law misses there is not in the uncertainty: add a run at its level"
-        )
-        return [text] if outside > OUTSIDE else []
 
-
-def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, stated: bool) -> Fit:
-    """Least squares by trust-region reflective steps with the exact Jacobian; ``stated``: the noise is known.
+def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots) -> Fit:
+    """Least squares by trust-region reflective steps with the exact Jacobian.
 
     Raises:
         ValueError: fewer data than parameters, a prior counting as one datum each.
@@ -230,29 +218,21 @@ def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots, *, st
             "free fewer parameters"
         )
     values, (residuals, jacobian) = torch.from_numpy(found.x), system(*found.x)
-    share, freedom, unseen = (values - law.low) / width, len(residuals) - count, list[tuple[str, ...]]()
-    inside, determined = (share >= ON_BOUND) & (share <= 1 - ON_BOUND), float(count)
-    free = jacobian[:, inside]
+    share, determined = (values - law.low) / width, float(count)
+    inside = (share >= ON_BOUND) & (share <= 1 - ON_BOUND)
+    free, covariance = jacobian[:, inside], torch.zeros(count, count, dtype=torch.float64)
     if law.frequencies:  # which the prior holds too
         determined = float(torch.linalg.solve(free.T @ free, free[:data].T @ free[:data]).trace())
     misfit = float(residuals[:data].square().sum() / max(data - determined, 1.0)) ** 0.5
-    scale = 1.0 if stated else float(residuals.square().sum()) / freedom if freedom else math.nan
-    if not law.frequencies:
-        _, singular, axes = torch.linalg.svd(jacobian * width, full_matrices=False)
-        # Wider than the box itself, whose values, all equally likely, scatter by 1/sqrt 12.
-        limit = max(UNSEEN * float(singular[0]), 0.0 if math.isnan(scale) else (12 * scale) ** 0.5)
-        unseen = [tuple(law.names[int(i)] for i in (a.abs() > NAMED).nonzero()) for a in axes[singular <= limit]]
-    covariance = torch.zeros(count, count, dtype=torch.float64)
     if bool(inside.any()):
-        free[:data] /= max(1.0, misfit) if stated else 1.0
+        free[:data] /= max(1.0, misfit)
         _, singular, axes = torch.linalg.svd(free * width[inside], full_matrices=False)
         floored = singular.clamp(min=1e-12 * float(singular[0]) + 1e-300)  # huge along what they do not see
         inverse = (axes.T / floored**2) @ axes * torch.outer(width[inside], width[inside])
-        covariance[torch.outer(inside, inside)] = scale * inverse.flatten()
+        covariance[torch.outer(inside, inside)] = inverse.flatten()
     on_bound = tuple(name for name, within in zip(law.names, inside.tolist(), strict=True) if not within)
-    about = (law, tuple(runs), choices, knots, stated, values, residuals, determined, misfit, covariance)
-    fit = Fit(*about, on_bound, tuple(unseen))
-    return dataclasses.replace(fit, notes=_warnings(fit))
+    about = (law, tuple(runs), choices, knots, values, residuals, determined, misfit, covariance, on_bound)
+    return dataclasses.replace(fit := Fit(*about), notes=_warnings(fit))
 
 
 def _warnings(fit: Fit) -> tuple[str, ...]:
@@ -262,14 +242,14 @@ def _warnings(fit: Fit) -> tuple[str, ...]:
         where = ", ".join(f"{name} on its bound, {fit.numbers[name]:.4g}" for name in fit.on_bound)
         where = f"{len(fit.on_bound)} parameters of the curve on their bounds" if fit.law.frequencies else where
         notes.append(f"{where}: the data ask for more than the bounds allow; widen them, or free another parameter")
-    for group in fit.unseen:
-        what = f"tell {' and '.join(group)} apart" if len(group) > 1 else f"see {group[0]}"
-        notes.append(f"the data do not {what} within the bounds; fix one, or add data at another frequency")
-    if fit.stated and fit.freedom and fit.misfit > FAR * (1 + 2 / fit.freedom) ** 0.5:
+    if fit.unseen and not fit.law.frequencies:
         notes.append(
-            f"{fit.law.label}: the misfit is {fit.misfit:.3g} times the stated noise: no such law gives all "
-            "references; uncertainties are widened by that factor"
+            f"the data do not tell {' and '.join(fit.unseen)} {'apart ' * (len(fit.unseen) > 1)}within the bounds; fix "
+            "one, or add data at another frequency"
         )
-    if not fit.stated and fit.freedom == 0:
-        notes.append(f"{fit.data} data fix {len(fit.values)} parameters with nothing left over: state noise")
+    if fit.misfit > FAR:
+        notes.append(
+            f"{fit.law.label}: the misfit is {fit.misfit:.3g} times the noise: no such law gives all references; "
+            "uncertainties are widened by that factor"
+        )
     return tuple(notes)

@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, real_tensor
+from torchliner.checks import index_of_frequency, real_tensor
 from torchliner.liners.model import LinerModel, impedance_of, named_numbers
 
 ORDER, PARTS = 3, 18  # cubic; steps in sqrt |v|, from rest to the last knot
@@ -142,8 +142,8 @@ def curve_law(
 ) -> Law:
     """A curve at each frequency, whose parameters are q_0, x_0, q, q'; the search starts at the prior shape.
 
-    The law of ``base`` is the prior shape, and says whether the reactance falls or rises over |v|; another liner's
-    curve differs by its Z at rest. ``freedom`` is that of the walk, ``rest`` u(R) + j u(X) at rest, None for ``REST``.
+    The law of ``base`` is the prior shape, and says whether the reactance falls or rises over |v|; in another flow the
+    curve differs by Z at rest. ``freedom`` is that of the walk, ``rest`` u(R) + j u(X) at rest, None for ``REST``.
     """
     lines, still = tuple(frequencies), torch.zeros(1, dtype=torch.float64)
     shapes, at_rest = impedances_at(base, lines, knots.speeds), impedances_at(base, lines, still)
@@ -166,20 +166,17 @@ def curve_law(
         real = resistance * first.exp() + (up * q.exp()) @ of_r.T
         found = torch.complex(real, reactance + second + (across * x.exp()) @ of_x.T)
         found = found + impedances_at(liner, lines, still) - at_rest
-        return found[[place_of(lines, f) for f in frequency.tolist()]]
+        places = [index_of_frequency(torch.tensor(lines), f) for f in frequency.tolist()]
+        if None in places:
+            raise ValueError(
+                f"no curve is known at {frequency.tolist()} Hz, but at {', '.join(f'{f:g}' for f in lines)}"
+            )
+        return found[places]
 
     start = torch.zeros(len(lines) * sum(sizes), dtype=torch.float64)
     names, prior = tuple(f"q{i}" for i in range(len(start))), torch.block_diag(*blocks)
     box = (start - BOUNDS, start + BOUNDS, start)
     return Law(f"curve, freedom {freedom:g}", names, *box, curve, prior, lines)
-
-
-def place_of(known: Sequence[float], frequency: float) -> int:
-    """Where a frequency, Hz, is among those at which curves are known; ValueError if it is not."""
-    for i, each in enumerate(known):
-        if abs(each / frequency - 1) < SAME_FREQUENCY:
-            return i
-    raise ValueError(f"no curve is known at {frequency:g} Hz, but at {', '.join(f'{f:g}' for f in known)} Hz")
 
 
 def _above_floor(steps: Tensor) -> Tensor:

@@ -27,6 +27,7 @@ from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import moments
 from torchliner.velocity.review import review_case
 
+SHARE = 0.02  # of |Z|: noise of references for which none is stated
 WITHIN = 0.995  # of a plane's weight lies below the last knot
 CREST, FINE = 4.0, 60  # times the rms no |v| that matters is larger; steps in sqrt |v| by which the last knot is found
 
@@ -80,22 +81,18 @@ class Run:
         """Which columns the averaging takes the mean over: cells, or probes, bool."""
         if self.averaging == "velocity":
             return torch.ones(self.known.cells.count, dtype=torch.bool)
-        return self.known.used if self.averaging == "admittance" else self.known.used & (self.known.cells.labels >= 0)
+        return self.known.used & ((self.known.cells.labels >= 0) | (self.averaging == "admittance"))
 
     @functools.cached_property
-    def weights(self) -> Tensor:
-        """W, complex128, (C, K), for C columns."""
+    def weights(self) -> tuple[Tensor, Tensor]:
+        """W, (C, K), and the share of each of C columns in the mean admittance, (C,), complex128."""
         nodes, lengths = self.known.nodes, self.known.survey.lengths
         assert nodes is not None
         sums = self.known.sums[self.averaging][:, 0].sum(0).cpu()[:, self.columns] / lengths.sum().cpu()
-        return (nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64)) @ sums).T.to(torch.complex128)
-
-    @functools.cached_property
-    def share(self) -> Tensor:
-        """Of each column in the mean admittance, complex128, (C,)."""
+        found = (nodes.coefficients(torch.eye(nodes.count, dtype=torch.float64)) @ sums).T
         size = self.known.cells.weight if self.averaging == "velocity" else None
-        size = torch.ones(int(self.columns.sum()), dtype=torch.float64) if size is None else size
-        return (size / size.sum()).to(torch.complex128)
+        size = torch.ones(len(found), dtype=torch.float64) if size is None else size
+        return found.to(torch.complex128), (size / size.sum()).to(torch.complex128)
 
     @property
     def fastest(self) -> float:
@@ -106,8 +103,10 @@ class Run:
 
     def impedance(self, values: Tensor) -> Tensor:
         """Z of the plane, (..., F), from the liner's Z at the speeds of the nodes, (..., F, K)."""
-        reflection = reflection_from_impedance(values) @ self.weights.T
-        return impedance_from_admittance(admittance_from_reflection(reflection) @ self.share)
+        weights, share = self.weights
+        return impedance_from_admittance(
+            admittance_from_reflection(reflection_from_impedance(values) @ weights.T) @ share
+        )
 
     def residuals(self, impedance: Tensor) -> Tensor:
         """What is left over the noise, real, (2 F,)."""
@@ -126,43 +125,34 @@ class Run:
 def choices_of_fit(**choices: Any) -> Choices:
     """All choices, float64 by default; refuses what a sum over node speeds does not know."""
     chosen = Choices(**{"dtype": "float64", "interval": None, **choices})
-    fits = {"phase": chosen.phase == "averaged", "drive": chosen.drive != "rms", "wall_filter": not chosen.wall_filter}
-    for name in (name for name, known in fits.items() if not known):
-        raise ValueError(
-            f"{name} is {getattr(chosen, name)!r}, and a fit takes phase 'averaged', another drive than 'rms' and all "
-            "probes: leave it out"
-        )
+    if chosen.phase != "averaged" or chosen.drive == "rms" or chosen.wall_filter:
+        raise ValueError("a fit takes phase 'averaged', another drive than 'rms' and no wall_filter")
     return chosen
 
 
-def read_runs(planes: Any, liners: Any, frequency: Any, chosen: Choices, *, any_curve: bool = False) -> list[Run]:
-    """Planes, or their moments, each read once for its liner with any numbers, or with ``any_curve`` for any liner.
-
-    One liner of several planes stays one object, which a fit asks once.
-    """
+def read_runs(planes: Any, liners: Any, frequency: Any, chosen: Choices) -> list[Run]:
+    """Planes, or their moments, each read once for any liner; one liner of several planes stays one object, which a fit
+    asks once."""
     several = [planes] if isinstance(planes, Records) else list(planes)
     if not isinstance(liners, list | tuple):
         liners = [as_liner(liners)] * len(several)
     if len(liners) != len(several) or not several:
         raise ValueError(f"{len(liners)} liners for {len(several)} planes; one each")
-    runs = []
+    runs, any_liner = [], LinerModel()
     for plane, liner in zip(several, map(as_liner, liners), strict=True):
-        asked, own = plane_of(plane).asked(frequency), liner.speed_max is not None and not any_curve
+        asked, any_liner.cell_pitch = plane_of(plane).asked(frequency), liner.cell_pitch
         if isinstance(plane, Moments):
-            known, bare = plane, LinerModel()
-            bare.cell_pitch = liner.cell_pitch
-            require_fitting(known, bare if any_curve else liner, asked, chosen)
-        else:  # tables over |v| have their own speeds
-            about: Any = {} if own else {"cell_pitch": liner.cell_pitch}
-            known = moments(plane, liner if own else None, frequency, **about, **vars(chosen))
+            require_fitting(known := plane, any_liner, asked, chosen)
+        else:
+            known = moments(plane, None, frequency, cell_pitch=liner.cell_pitch, **vars(chosen))
         runs.append(Run(known, chosen.averaging, asked, liner))
     return runs
 
 
 def held(runs: Sequence[Run], references: Any, noise: Any = None) -> list[Run]:
-    """Runs with what they are held to; arguments and errors as of ``calibrate``, noise 1 where it is unknown."""
-    u = complex(1, 1) if noise is None else noise if isinstance(noise, complex) else complex(noise, noise)
-    if not (0 < u.real < math.inf and 0 < u.imag < math.inf):
+    """Runs with what they are held to; arguments and errors as of ``calibrate``."""
+    u = noise if noise is None or isinstance(noise, complex) else complex(noise, noise)
+    if u is not None and not (0 < u.real < math.inf and 0 < u.imag < math.inf):
         raise ValueError(f"noise is {noise}; u(R) and u(X) are finite and above 0")
     values = [references] * len(runs) if isinstance(references, str | complex) else list(references)
     if len(values) != len(runs):
@@ -180,7 +170,7 @@ def held(runs: Sequence[Run], references: Any, noise: Any = None) -> list[Run]:
         wanted = torch.as_tensor(value, dtype=torch.complex128).reshape(-1)
         if len(wanted) != len(asked) or not bool(torch.isfinite(wanted.abs()).all()):
             raise ValueError(f"{plane.name} has {len(asked)} frequencies and references {value}; one each, finite")
-        found.append(replace(run, wanted=wanted, noise=u))
+        found.append(replace(run, wanted=wanted, noise=SHARE * (1 + 1j) * wanted.abs() if u is None else u))
     return found
 
 

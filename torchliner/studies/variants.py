@@ -32,15 +32,13 @@ class Row(dict[str, Any]):
     """Values of one place, choice, model or run by name; ``row.impedance`` is ``row["impedance"]``.
 
     Shared names: ``impedance``, ``low``, ``high`` (ends of its statistical interval; None without one), complex and
-    normalised; ``frequency`` (Hz), ``height`` (m), ``level_check`` (dB off the known pressure; None where none is
-    known).
+    normalised; ``frequency`` (Hz), ``height`` (m), ``level_check`` (dB off the known pressure; None if unknown).
     """
 
     def __getattr__(self, name: str) -> Any:
-        try:
-            return self[name]
-        except KeyError:
-            raise AttributeError(f"the row has no {name!r} (it has: {', '.join(self)})") from None
+        if name not in self:
+            raise AttributeError(f"the row has no {name!r} (it has: {', '.join(self)})")
+        return self[name]
 
 
 def rows_of(**columns: Any) -> list[Any]:
@@ -109,13 +107,12 @@ def evaluate(variants: Sequence[Variant], frequency: Tensor, base: Moments) -> l
     pressure, rows = known_pressure(base, frequency), list[Row]()
     ratio = None if isinstance(pressure, str) else ratio_of_pressures(base, pressure)
     for variant in variants:
-        found = variant.averages(frequency).liner
-        z = found.impedance.cpu()
-        levels = [math.nan] * len(z) if ratio is None else (20 * ratio(z).abs().log10()).tolist()
-        for i, level in enumerate(levels):
-            low, high = (None, None) if found.interval is None else found.interval.bounds(i)
-            row = Row(variant.labels, averaging=variant.averaging, frequency=float(frequency[i]), low=low, high=high)
-            rows.append(Row(row, impedance=complex(z[i]), level_check=level if math.isfinite(level) else None))
+        found, levels = variant.averages(frequency).liner.map(Tensor.cpu), None
+        if ratio is not None:
+            decibels = (20 * ratio(found.impedance).abs().log10()).tolist()
+            levels = [each if math.isfinite(each) else None for each in decibels]
+        about = {"averaging": variant.averaging, "impedance": found.impedance, "interval": found.interval}
+        rows += rows_of(**variant.labels, frequency=frequency, level_check=levels, **about)
     return rows
 
 
@@ -140,8 +137,8 @@ def read_for(
     """
     nodes = choose_nodes(liners, frequency, TOLERANCES[chosen.working(plane.velocity)[1]])
     reading = reading_of(plane, [], frequency, chosen, cell_pitch=liners[0].cell_pitch, nodes=nodes)
-    turned = torch.cat([reading.turns, reading.turns.new_tensor([*turns])])
-    return take_moments(dataclasses.replace(reading, turns=turned), progress=progress), nodes
+    reading = dataclasses.replace(reading, turns=torch.cat([reading.turns, reading.turns.new_tensor([*turns])]))
+    return take_moments(reading, progress=progress), nodes
 
 
 def read_again(

@@ -1,13 +1,10 @@
-"""Where the impedance is known: every rule beside it, and the shipped case that is nearest to a map."""
+"""Where the impedance is known: every rule beside it."""
 
-import csv
-import functools
 import itertools
 import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib import resources
 from typing import Any
 
 import torch
@@ -26,10 +23,6 @@ NOWHERE = complex(math.nan, math.nan)
 UNKNOWN = dict.fromkeys(("in_situ", "low", "high"), NOWHERE) | dict.fromkeys(
     ("level_check", "speed", "velocity_rms", "mach", "incident_level", "periods"), math.nan
 )
-TABLE = "reference_cases.csv"  # the default rules of docs/validation.md, by scripts/validation_page.py
-WORDS = ("case", "hole", "averaging")  # columns of the table that are no numbers
-WEIGHTS = (1.0, 1.0, 10.0, 1.0, 0.1)  # of ``distances_of``
-NEAR = (math.log(2), math.log(2), 0.05, 0.0, math.inf)  # beyond which no case is named
 
 
 def validation_row(rule: tuple[str, str, str], educed: complex, true: complex, **about: Any) -> Row:
@@ -67,7 +60,7 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     psi, variants = reference_wave_phase(plane, seen), list[Variant]()
     for (drive, mean), phase, averaging in itertools.product(DRIVES, PHASES, seen.averagings):
         own, stated = replace(chosen, drive=drive, mean=mean, phase=phase), psi if phase == "given" else None
-        variants.append(Variant({"rule": (drive, mean, phase)}, known, model, averaging, own, stated))
+        variants.append(Variant({"drive": drive, "mean": mean, "phase": phase}, known, model, averaging, own, stated))
     about = {
         "case": str(plane.provenance.get("case", plane.title)),
         "height": plane.height or 0.0,
@@ -80,7 +73,9 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     }
     names, true = ("averaging", "low", "high", "level_check"), complex(plane.reference["true"])
     return [
-        validation_row(row.rule, row.impedance, true, **about, **{name: row[name] for name in names})
+        validation_row(
+            (row.drive, row.mean, row.phase), row.impedance, true, **about, **{name: row[name] for name in names}
+        )
         for row in evaluate(read_again(plane, nodes, asked, variants), asked, known)
     ]
 
@@ -98,25 +93,6 @@ def errors_by_rule(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
-@functools.cache
-def reference_cases() -> tuple[Row, ...]:
-    """The shipped table, a row a plane: case, reference (Z), educed (Z by averaging), and what ``setting_of`` says of a
-    map."""
-    text = (resources.files("torchliner.studies") / TABLE).read_text(encoding="utf-8")
-    found: dict[tuple[str, str], Row] = {}
-    for line in csv.DictReader(text.splitlines()):
-        row: Any = Row({key: value if key in WORDS else float(value) for key, value in line.items()})
-        reference = complex(row.true_resistance, row.true_reactance)
-        plane = found.setdefault((line["case"], line["height"]), Row(row, reference=reference, educed={}))
-        plane.educed[row.averaging] = complex(row.resistance, row.reactance)
-    return tuple(found.values())
-
-
-def hole_kind(name: str) -> str:
-    """By the name of a liner: the models are of round holes, unless one is called a slit."""
-    return "slit" if "slit" in name.lower() else "round hole"
-
-
 def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
     """rms of the velocity at the tone, m/s: of its mean over the plane, of all probes if it grazes.
 
@@ -127,50 +103,3 @@ def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
     if found.source_side in ("upstream", "downstream"):
         return float((amplitude.abs().square() * coherence.nan_to_num())[known].mean().sqrt()) / 2**0.5
     return float(amplitude[known].mean().abs()) / 2**0.5
-
-
-def setting_of(found: ImpedanceMap, index: int = 0) -> Row | None:
-    """What decides how well a rule does: hole (its kind), hole_diameter (m), porosity (of the surface), mach, speed (of
-    ``tone_speed``), velocity_rms (v'_rms, m/s), height (m); None where the liner of a map states no holes."""
-    liner = found.choices.get("liner", {})
-    liner = {**liner, **next(iter(liner.get("layers") or [{}]))}  # the sheet that faces the flow
-    if not {"porosity", "orifice_diameter"} <= set(liner):
-        return None
-    return Row(
-        hole=hole_kind(str(liner.get("name", ""))),
-        hole_diameter=liner["orifice_diameter"],
-        porosity=liner["porosity"] * liner.get("open_area_fraction", 1.0),
-        mach=found.mach,
-        speed=tone_speed(found, index),
-        velocity_rms=float(found.velocity_rms.square().nanmean().sqrt()),
-        height=found.height,
-    )
-
-
-def distances_of(here: Row, there: Row) -> list[float]:
-    """How far a case is: |ln| of the ratios of |v| over porosity, in step with the tone and of all; Mach number; 1 for
-    another kind of hole; |ln| of the ratio of heights over the hole."""
-    share, far = there.porosity / here.porosity, list[float]()
-    far += [math.log(share * max(here[name], 1e-6) / max(there[name], 1e-6)) for name in ("speed", "velocity_rms")]
-    far += [(here.mach or 0.0) - there.mach, float(here.hole != there.hole)]
-    known = here.height and there.height
-    far.append(math.log(here.height / here.hole_diameter * there.hole_diameter / there.height) if known else 0.0)
-    return [abs(each) for each in far]
-
-
-def nearest_case(found: ImpedanceMap, index: int = 0) -> str:
-    """One line: the shipped case most like this one, what came out there and what it is.
-
-    "" for a hard wall, a liner without holes, and where no case is near: |v| over porosity within a factor of 2, M
-    within 0.05, the same kind of hole. ``index``: of the frequency.
-    """
-    here = setting_of(found, index)
-    if here is None or found.choices.get("surface") == "hard wall" or not math.isfinite(here.speed + here.velocity_rms):
-        return ""
-    every = [(distances_of(here, there), there) for there in reference_cases()]
-    far, there = min(every, key=lambda each: sum(a * b for a, b in zip(WEIGHTS, each[0], strict=True)))
-    if here.mach is None or not all(a <= most for a, most in zip(far, NEAR, strict=True)):
-        return ""
-    z, known = there.educed[found.averaging], there.reference
-    words = f"R came out {z.real:.2f} for {known.real:.2f}, X {z.imag:.2f} for {known.imag:.2f}"
-    return f"Model error in the nearest reference case, {there.case}: {words}."
