@@ -19,16 +19,7 @@ from torchliner.liners.sdof import porosity_readings, velocity_readings
 from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
 from torchliner.records.case import planes_by_height
-from torchliner.studies.variants import (
-    Row,
-    Study,
-    Variant,
-    evaluate,
-    every_second,
-    of_blocks,
-    read_again,
-    read_for,
-)
+from torchliner.studies.variants import Row, Study, Variant, evaluate, every_second, of_blocks, read_again, read_for
 from torchliner.velocity.answer import answer, fitting
 from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.reading import Progress

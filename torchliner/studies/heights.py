@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from torchliner.checks import tell
@@ -12,6 +12,7 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.case import planes_by_height
 from torchliner.studies.variants import Row, Study, plane_of
 from torchliner.velocity.educe import educe
+from torchliner.velocity.reading import Progress
 
 DRIFT = 25.0 + 30.0j  # per m of height, eq. (A1), for sound at grazing incidence
 LIMIT = 0.1  # of difference of averagings, change with height, 1 - coherence: a choice of this program
@@ -22,7 +23,7 @@ def study_heights(
     liner: Liner,
     frequency: float | None = None,
     *,
-    progress: Callable[[int], object] | None = None,
+    progress: Progress | None = None,
     **choices: Any,
 ) -> Study:
     """Z over height, and for each averaging the lowest height that holds.
@@ -33,7 +34,7 @@ def study_heights(
 
     Args:
         planes: of one case at different heights, or their ``Moments``.
-        liner, choices: as for ``educe``; no intervals by default.
+        liner, progress, choices: as for ``educe``; no intervals by default.
         frequency: Hz, one; default the planes' own tone.
         progress: called with numbers of samples, 2 T per plane.
     Returns:
