@@ -74,9 +74,8 @@ class Guess(Plate):
     Range: d sqrt(omega/(4 nu)) above 10 (below it friction is too small) and k d below 1. M_0 is taken as the rms in
     the hole, which the texts leave open.
 
-    Source: Guess (1975), J. Sound Vib. 40, 119-137, not opened; all terms but one as in the code
-        VictorZaia/Impedance-calculation on GitHub (0.71 there for 0.7). The factor in M_0 of delta, which halves it in
-        strong sound, is as commonly quoted and was found in no text that could be opened.
+    Source: Guess (1975), J. Sound Vib. 40, 119-137, not opened; as in the code VictorZaia/Impedance-calculation on
+        GitHub (0.71 there for 0.7), but for the factor in M_0 of delta, which is as commonly quoted.
     """
 
     kind = "guess"
@@ -112,8 +111,7 @@ class Goodrich(Plate):
 
     S_m = -0.0000207 k/sigma^2 of the source, k in 1/cm, keeps its value in seconds.
 
-    Range: C_D at most 1, |v| below sigma (t + epsilon d)/2.07e-5 m/s (3.7 m/s for t 0.8 mm, d 1 mm, sigma 5 %), above
-    which the mass is negative.
+    Range: C_D at most 1, |v| below sigma (t + epsilon d)/2.07e-5 m/s, above which the mass is negative.
 
     Source: Yu, Ruiz & Kwan (2008), AIAA 2008-2930, not opened; terms as in a public code (function impedanceUTAS of an
         eduction), there without the 0.85 of epsilon, which is Ingard's; flow as in Roncen et al. (2026), eq. (2.7).
@@ -168,8 +166,7 @@ class Maa(Plate):
     Range: perforate constant K = d sqrt(omega/(4 nu)) of 1 to 10, holes below 1 mm, sigma of a few percent.
 
     Source: Maa (1998), J. Acoust. Soc. Am. 104, 2861, as in the theory page of acoustipy. The terms in |v|: Laly et al.
-        (2018), J. Sound Vib., S0022-460X(17)30674-0, with beta = 1.6, C_D = 0.76 and V = |v|/sigma, as in public
-        MATLAB classes that name its equations 20 to 23 and 27. Neither paper was opened.
+        (2018), J. Sound Vib., S0022-460X(17)30674-0, as in public MATLAB classes. Neither paper was opened.
     """
 
     kind = "maa"

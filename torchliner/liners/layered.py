@@ -11,7 +11,6 @@ with the g = j k_c of eq. (2.2d), depth h and share phi of the cell. On the back
 
 import dataclasses
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
@@ -24,7 +23,7 @@ from torchliner.file_checks import one_of
 from torchliner.fluid import GAS_CONSTANT_AIR, Fluid
 from torchliner.liners.laws import LAWS
 from torchliner.liners.model import Declared, Depth, Factor, LinerModel, Number, Pitch, Share
-from torchliner.liners.plates import Sheet, cavity_propagation
+from torchliner.liners.plates import Plate, Sheet, cavity_propagation
 from torchliner.names import VELOCITY_READINGS
 
 OFFSET = ("offset_resistance", "offset_reactance")
@@ -59,10 +58,8 @@ class CellLiner(LinerModel):
         super().__post_init__()
         require_choice("velocity_reading", self.velocity_reading, VELOCITY_READINGS)
         self.settle(front=self._front())
-        hole, porosity = (getattr(self.front, name, None) for name in ("orifice_diameter", "porosity"))
-        if hole is not None:
-            self.settle(hole_diameter=plain_number(hole))
-        if self.flow_facing_porosity is not None or porosity is not None:
+        if isinstance(self.front, Plate):
+            self.settle(hole_diameter=plain_number(self.front.orifice_diameter))
             self.settle(surface_porosity=plain_number(self.open_area()))
 
     def _front(self) -> Sheet:
@@ -70,8 +67,7 @@ class CellLiner(LinerModel):
 
     def open_area(self) -> Any:
         """Of the whole surface, as its share."""
-        own: Any = self.flow_facing_porosity
-        return self.front.porosity * self.open_area_fraction if own is None else own
+        return self.flow_facing_porosity or self.front.porosity * self.open_area_fraction
 
     def seen(self, frequency: Any, speed: Any) -> tuple[Tensor, Tensor]:
         """rad/s, from Hz, and |v_c|, m/s, from |v|; ValueError for what is not above 0, negative or not finite."""
@@ -155,11 +151,6 @@ def sheet(law: str, **numbers: Any) -> Sheet:
     Raises:
         TypeError: a parameter is missing, unknown, or no number.
         ValueError: no such law (the nearest is named), or a value out of range.
-
-    >>> plate = tl.sheet("maa", thickness=0.8e-3, orifice_diameter=1e-3, porosity=0.05)
-    >>> liner = tl.LayeredLiner([plate, tl.Cavity(38e-3, 5e-3)])
-    >>> f"{complex(liner.impedance(1400.0, 3.0)):.2f}"
-    '3.74+0.12j'
     """
     return LAWS[require_choice("law of a sheet", law, LAWS)](**numbers)
 
@@ -179,9 +170,8 @@ class LayeredLiner(CellLiner):
     Raises:
         TypeError: something else than layers.
         ValueError: an order of layers that is no liner; a value outside its range.
-    Source: transfer matrices of plane waves; cavities and the law ``perforate`` as Roncen et al. (2026), eqs (2.2) and
-        (2.4): with one of each it is ``SDoFLiner``. That the sheets below count as at rest for |v| at a septum is a
-        choice made here; the paper gives no equations for two degrees of freedom.
+    Source: transfer matrices of plane waves; with one ``perforate`` and one cavity it is ``SDoFLiner``. That the sheets
+        below a septum count as at rest is a choice made here; the paper has no equations for two degrees of freedom.
 
     >>> plate = tl.sheet("perforate", thickness=0.6e-3, orifice_diameter=1e-3, porosity=0.05)
     >>> septum = tl.sheet("perforate", thickness=0.8e-3, orifice_diameter=0.8e-3, porosity=0.02)
@@ -201,10 +191,8 @@ class LayeredLiner(CellLiner):
                 raise TypeError(f"{self.label}: layer {place} is {layer!r}; a sheet or a Cavity")
         named = self.named_layers()
         if not (named and isinstance(self.layers[0], Sheet) and isinstance(self.layers[-1], Cavity)):
-            raise ValueError(
-                f"{self.label} has layers {', '.join(named) or 'none'}; the first is the sheet that faces the flow, "
-                "the last a cavity, whose depth is that from the lowest sheet to the backplate"
-            )
+            order = "the first is the sheet that faces the flow, the last a cavity"
+            raise ValueError(f"{self.label} has layers {', '.join(named) or 'none'}; {order}")
         super().__post_init__()
         flow = sum(layer.flow_resistance for layer in self.layers if isinstance(layer, Sheet))
         self.settle(flow_resistance=flow / plain_number(self.open_area_fraction))
@@ -214,18 +202,21 @@ class LayeredLiner(CellLiner):
 
     def named_layers(self) -> dict[str, Sheet | Cavity]:
         """Layers by name, from the flow down."""
-        count: Counter[str] = Counter()
-        found = {}
+        found, seen = dict[str, Sheet | Cavity](), list[str]()
         for layer in self.layers:
-            name = "cavity" if isinstance(layer, Cavity) else "septum" if count["cavity"] else "facesheet"
-            count[name] += 1
-            found[name if count[name] == 1 else f"{name}{count[name]}"] = layer
+            name = "cavity" if isinstance(layer, Cavity) else "septum" if "cavity" in seen else "facesheet"
+            seen.append(name)
+            found[name if seen.count(name) == 1 else f"{name}{seen.count(name)}"] = layer
         return found
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
         """Normalised impedance at |v| = ``speed``; arguments, value and errors as ``SDoFLiner``."""
         omega, upper = self.seen(frequency, speed)
-        admittance = self._stack(omega, self._speeds(omega, upper))[0]
+        speeds = [upper] * len(self.layers)  # from the flow down
+        if "septum" in self.named_layers():
+            for i, ratio in enumerate(self._stack(omega, [0 * omega] * len(self.layers))[1][:0:-1], 1):
+                speeds[i] = ratio.abs() * speeds[i - 1]
+        admittance = self._stack(omega, speeds)[0]
         found: Tensor = 1 / (admittance * self.open_area_fraction) + self.impedance_offset
         return found
 
@@ -237,19 +228,11 @@ class LayeredLiner(CellLiner):
             ratios.append(ratio)
         return admittance, ratios
 
-    def _speeds(self, omega: Tensor, upper: Tensor) -> list[Tensor]:
-        """|v| at each layer, from the flow down, m/s; ``upper``: at the upper sheet."""
-        speeds = [upper]
-        if "septum" not in self.named_layers():
-            return speeds * len(self.layers)
-        for each in self._stack(omega, [0 * omega] * len(self.layers))[1][:0:-1]:
-            speeds.append(each.abs() * speeds[-1])
-        return speeds
-
     def numbers(self) -> dict[str, Number]:
         """Those of the layers, as "facesheet.porosity", and the others."""
-        held = {name: layer.numbers() for name, layer in self.named_layers().items()}
-        return {f"{name}.{key}": each for name, own in held.items() for key, each in own.items()} | super().numbers()
+        layers = self.named_layers().items()
+        own = {f"{name}.{key}": each for name, layer in layers for key, each in layer.numbers().items()}
+        return own | super().numbers()
 
     def with_numbers(self, values: Mapping[str, Any]) -> Self:
         """See ``LinerModel``."""

@@ -108,7 +108,7 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         poles: N, an odd number has one real pole; fewer than F.
         about: plain values to keep with it.
     Raises:
-        ValueError: too many poles for the frequencies; Z with nan, inf or -1, or with a negative resistance throughout.
+        ValueError: too many poles for the frequencies; Z with nan, inf or -1.
     Source: poles in the left half plane, fitted by least squares in R. Where |R| exceeds 1, anywhere between 0 Hz and
         ten thousand times the band, the residues are those of least error with |R| < 1 there.
 
@@ -127,8 +127,6 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
     if not 1 <= count <= MOST_POLES or len(f) <= count:
         asked = f"{count} poles are asked for, and Z is known at {len(f)} frequencies"
         raise ValueError(f"{asked}; take 1 to {MOST_POLES} poles, fewer than frequencies")
-    if bool((z.real < 0).all()):
-        raise ValueError("the resistance is negative at every frequency; v is into the liner, exp(+j omega t)")
     wanted = reflection_from_impedance(z).numpy() - 1
     unit = 2 * math.pi * math.sqrt(float(f[0]) * float(f[-1]))  # rad/s, in which poles are of order 1
     s, band = 2j * np.pi * f.numpy() / unit, (float(f[0]), float(f[-1]))

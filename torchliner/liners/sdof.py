@@ -31,8 +31,7 @@ SAME_MACH = 0.01
 class SDoFLiner(CellLiner):
     r"""Perforated plate over a closed cavity: eqs (2.2)-(2.4) of the paper.
 
-    :math:`Z = [Z_0(\omega) + G_{NL}(\omega, |v_c|)]/\alpha + \text{offset}`, normalised by rho c. Every numeric
-    argument may be a tensor that requires a gradient.
+    :math:`Z = [Z_0(\omega) + G_{NL}(\omega, |v_c|)]/\alpha + \text{offset}`, normalised by rho c.
 
     Args:
         facesheet_thickness: L_p, m.  orifice_diameter: d = 2 r_p, m; of a slit its width.
@@ -60,21 +59,17 @@ class SDoFLiner(CellLiner):
         return Perforate(thickness=self.facesheet_thickness, **shared)
 
     def impedance(self, frequency: Any, speed: Any = 0.0) -> Tensor:
-        """Normalised impedance, complex128, of the broadcast shape of frequency (Hz, > 0) and |v| (m/s, >= 0).
-
-        Raises:
-            ValueError: a frequency not above 0, or a negative or non-finite speed.
-        """
+        """Normalised impedance, complex128, of the broadcast shape of frequency (Hz) and |v| (m/s); ValueError for a
+        frequency not above 0, a negative or non-finite speed."""
         omega, speed = self.seen(frequency, speed)
         way = cavity_propagation(omega, self.cavity_hydraulic_radius, self.fluid) * self.cavity_depth
         cell = self.front.at_rest(omega, self.fluid) + 1 / torch.tanh(way) / self.cavity_porosity
         found: Tensor = (cell + self.in_motion(omega, speed)) / self.open_area_fraction + self.impedance_offset
         return found
 
-    def in_motion(self, omega: Tensor, speed: Tensor) -> Tensor:
+    def in_motion(self, omega: Tensor, speed: Tensor) -> Any:
         """What |v_c| and flow add to the impedance of a cell."""
-        added: Tensor = self.front.in_motion(omega, speed, self.fluid)
-        return added
+        return self.front.in_motion(omega, speed, self.fluid)
 
 
 @dataclass(frozen=True)
@@ -98,9 +93,8 @@ class FlowSDoFLiner(SDoFLiner):
         """See ``LinerModel``."""
         if mach is None or self.mach is None:
             return self if mach is None else self.replace(mach=mach)
-        stated = plain_number(self.mach)
-        if abs(stated - mach) > SAME_MACH:
-            both = f"states mach {stated:g}, and the data {mach:g}"
+        if abs(plain_number(self.mach) - mach) > SAME_MACH:
+            both = f"states mach {plain_number(self.mach):g}, and the data {mach:g}"
             raise ValueError(f"{self.label} {both}; leave mach out of the liner, which then takes that of the data")
         return self
 
@@ -122,12 +116,10 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
         R = R_2.4 + mach_resistance M/sigma,       sigma the open area of the whole surface.
 
     Args:
-        end_correction: factor on the mass of both ends, at least 0.
-        mass_loss: factor on c of (2.4b), at least 0.  mass_loss_speed: factor s on the |v| at half the loss, above 0.
+        end_correction: factor on the mass of both ends.
+        mass_loss: factor on c of (2.4b).  mass_loss_speed: factor s on the |v| at half the loss.
         mach_resistance: resistance over mach/open area of the surface.
         mach_mass_loss: share of the ends' mass that is lost, over mach.
-    Raises:
-        ValueError: as ``SDoFLiner``, and a factor outside its range.
     Source: eqs (2.2b), (2.4) of Roncen et al. (2026); the factors are this package's. Resistance in M/sigma is the form
         of eq. (2.7).
     """
@@ -153,16 +145,12 @@ class AdjustedSDoFLiner(FlowSDoFLiner):
 
 @dataclass(frozen=True)
 class EndLossSDoFLiner(FlowSDoFLiner):
-    """``SDoFLiner`` with the module's law in place of eq. (2.4b).
-
-    Fitted up to Mach 0.3, beyond which the share may pass 1.
+    """``SDoFLiner`` with the module's law in place of eq. (2.4b), fitted up to Mach 0.3.
 
     Args:
         hydraulic_diameter: D_h of a hole, m: ``orifice_diameter`` (None) for round ones, twice the width for slits.
-        end_loss: A, 0 to 1.  loss_displacement: B, above 0.  mach_loss: k, at least 0.
-        combination: p, above 0 and at most 8: 1 for the sum; towards the larger one with p.
-    Raises:
-        ValueError: as ``SDoFLiner``; one of these outside its range.
+        end_loss: A.  loss_displacement: B.  mach_loss: k.
+        combination: p, 1 for the sum; towards the larger one with p.
     Source: docs/mass_loss.md; the share of one half is Ingard's (1953) for strong jets.
     """
 
@@ -205,12 +193,8 @@ def velocity_readings(liner: CellLiner) -> dict[str, CellLiner]:
 
 def porosity_readings(liner: SDoFLiner) -> dict[str, SDoFLiner]:
     """The liner with its porosity read in the other ways that the paper leaves open: holes over the whole surface
-    (global, the cavity as all of it or as its share) or cells beside a rigid wall (local).
-
-    Raises:
-        ValueError: the geometry does not say, or a constant offset hangs on the reading.
-    Source: Roncen et al. (2026), section 5.3 and table 1; square cavities of side 2 r_c in cells of side L_c.
-    """
+    (global, the cavity as all of it or as its share) or cells beside a rigid wall (local, square cavities of side 2 r_c
+    in cells of side L_c); ValueError where the geometry does not say, or a constant offset hangs on the reading."""
     if complex(liner.impedance_offset) != 0:
         raise ValueError("the liner's impedance_offset was fixed under its own reading of the porosity")
     porosity, share = plain_number(liner.porosity), plain_number(liner.open_area_fraction)
@@ -220,8 +204,7 @@ def porosity_readings(liner: SDoFLiner) -> dict[str, SDoFLiner]:
             raise ValueError("the liner states no cell_pitch, which the local reading needs")
         share = (2 * plain_number(liner.cavity_hydraulic_radius) / liner.cell_pitch) ** 2
         if not porosity < share < 1:
-            words = f"which is no share of a cell with square cavities and porosity {porosity:g}"
-            raise ValueError(f"the square of cavity over pitch is {share:.3g}, {words}")
+            raise ValueError(f"the square of cavity over pitch, {share:.3g}, is no share of a cell")
         cells = liner.replace(porosity=porosity / share, open_area_fraction=share, cavity_porosity=1.0)
         found[f"local {100 * porosity / share:.3g} %, wall in parallel"] = cells
     others = {f"global, phi_c = {phi:.3g}": whole.replace(cavity_porosity=phi) for phi in (1.0, share)}
