@@ -40,6 +40,7 @@ def stored(tmp_path, text, name="a.csv"):
         ("liner", f"{LINER}\n1, 2, 3\0\n", "holds zero bytes: it is no text file"),
         ("microphones", f"# mach: 0.1\n{LINE}", "line 1 is '# mach: 0.1'; write '# key = value'"),
         ("bursts", f"{BURSTS}\n1, 5\n#N/A, 2\n", "line 3, column 'arrival_time' is '#N/A'"),
+        ("bursts", f"{BURSTS}\n1, 5\n#2, 5\n", "line 3, column 'arrival_time' is '#2'"),
         ("bursts", f"{BURSTS}\n1, 5\n2, 9.96921e36\n", "line 3, holds .* m/s, which is no vel"),
         ("bursts", f"# x = 1e400 mm\n{BURSTS}\n1, 5\n", "line 1, x is '1e400 mm'; a finite number"),
         ("microphones", LINE + "#N/A, 1000, 119, 20\n", "line 4, column 'x' is '#N/A'; a number"),

@@ -15,8 +15,6 @@ from torchliner.names import did_you_mean
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 
 Array = NDArray[np.float64]
-# What spreadsheets write into a cell that they cannot compute; a remark looks otherwise.
-NO_VALUE = re.compile(r"#[A-Z\u00c0-\u00de][/A-Z0-9\u00c0-\u00de]*[!?]?|#{2,}")
 SEPARATORS = (";", "\t", ",")
 LABEL = re.compile(r"-?(\w+)\s*(?:\[(.*)\]|\((.*)\))?")
 
@@ -73,8 +71,8 @@ def read_table(
     separator: str | None = None,
 ) -> dict[str, Array]:
     """Columns of numbers in SI units, by name, of labels such as ``x [mm]``, in any order, a minus before those whose
-    sign is turned. Remarks, and lines that are blank in all columns, are passed over; ``#N/A`` in the first of several
-    cells is a value that is missing, no remark.
+    sign is turned. Remarks, and lines that are blank in all columns, are passed over; what begins with '#' and has as
+    many cells as there are columns is no remark.
 
     Args:
         lines: with a header line, unless ``labels`` of the columns, the index at which rows ``start`` and the
@@ -110,7 +108,7 @@ def read_table(
             raise ValueError(f"{path}: column {name!r} is missing; there are: {', '.join(columns)}; write {example}")
     for number, line in enumerate(lines[start:], start + 1):
         row = cells_of(line, separator) or [""]
-        if row[0][:1] == "#" and not (len(row) > 1 and NO_VALUE.fullmatch(row[0])):
+        if row[0][:1] == "#" and len(row) != len(labels):
             continue
         if any(row[len(labels) :]):
             raise ValueError(f"{path}: line {number} has {len(row)} cells, the header {len(labels)}")
