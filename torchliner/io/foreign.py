@@ -27,7 +27,7 @@ from torchliner.records import VelocityPlane
 
 # What netCDF-3's library writes into records that nobody writes, unless told otherwise.
 FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
-ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
+ZARR = "zarr.json"  # in the folder of a store
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 CLASSIC, NUMPY = (b"CDF\1", b"CDF\2"), b"\x93NUMPY"  # netCDF-3, version 2 with large offsets
 TAKES = ("variable", "axes", "velocity_units", "length_units", "sampling_rate", "normal")
@@ -110,36 +110,29 @@ def read_array(path: str | Path, variable: str | None = None) -> np.ndarray:
     are put back in MATLAB's order. A ValueError where ending or variable are unknown, or it holds no numbers."""
     path = Path(path)
     require_regular(path)
-    ending = path.suffix.lower()
-    if ending not in ARRAY_ENDINGS:
-        raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {ending or 'no ending'!r}")
+    if path.suffix.lower() not in ARRAY_ENDINGS:
+        raise ValueError(f"{path}: .npy, .mat or .h5 is needed, not {path.suffix or 'no ending'!r}")
     with naming(path), open_source(path) as source:
         arrays = {name[1:]: each for name, each in source.fields.items()}
-        held = ", ".join(arrays) or "no array"
+        held, near = ", ".join(arrays) or "no array", did_you_mean(str(variable), [*arrays])
         if variable is None and len(arrays) != 1:
             raise ValueError(f"{path} holds {held}; name the one meant")
-        found = arrays.get(next(iter(arrays)) if variable is None or "" in arrays else variable)
-        if found is None:
-            near = did_you_mean(str(variable), [*arrays])
+        name = next(iter(arrays)) if variable is None or "" in arrays else variable
+        if name not in arrays:
             raise ValueError(f"{path} has no variable {variable!r}{near}; it holds {held}")
-        values = found.values()
-        return values.T if ending == ".mat" and h5py.is_hdf5(path) else values
-
-
-# Datasets of xarray
+        values = arrays[name].values()
+        return values.T if path.suffix.lower() == ".mat" and h5py.is_hdf5(path) else values
 
 
 def from_xarray(data: Any, **stated: Any) -> VelocityPlane:
     """A plane from a DataArray or Dataset, as ``VelocityPlane.from_xarray``; what is lazy there is read by slabs."""
     request = PlaneRequest(**{key: stated.pop(key) for key in (*TAKES, "wall_normal_component") if key in stated})
-    if not hasattr(data, "data_vars") and hasattr(data, "dims") and hasattr(data, "coords"):
+    if hasattr(data, "to_dataset"):
         name = str(data.name or "velocity")
         data, request = data.rename(name).to_dataset(), replace(request, variable=name)
     if not hasattr(data, "data_vars"):
-        raise TypeError(
-            f"a DataArray or Dataset of xarray is needed, not {type(data).__name__}; of a table of pandas: "
-            "table.set_index(['time', 'x']).to_xarray()"
-        )
+        remedy = "of a table of pandas: table.set_index(['time', 'x']).to_xarray()"
+        raise TypeError(f"a DataArray or Dataset of xarray is needed, not {type(data).__name__}; {remedy}")
     plane = to_plane(source_of(data, Path(data.encoding.get("source") or "xarray")), request)
     require_velocity(plane.name, request)
     plane = replace(plane, **stated) if stated else plane
@@ -170,11 +163,6 @@ def _open_store(path: Path) -> Any:
         if not each.is_dir():
             require_regular(each)
     data = xarray.open_dataset(path, engine="zarr", chunks=None, decode_cf=False, consolidated=False)
-    if not (path / ZARR[0]).is_file():
-        # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
-        for variable in data.variables.values():
-            if variable.attrs.get("_FillValue") == 0 and not {"scale_factor", "add_offset"} & set(variable.attrs):
-                del variable.attrs["_FillValue"]
     for name in set(data.dims) & set(data.variables):
         _require_written(path, str(name))
     return data
@@ -190,12 +178,12 @@ def _require_written(path: Path, name: str, packing: Packing = PLAIN) -> None:
     if array.size < 2 or np.isnan(packing.unpack(np.full(1, fill), np.float64)).all():
         return  # one single value may be the fill value, which zarr leaves out
     # ``nchunks_initialized`` takes the square of their number.
-    there = sum(each.is_file() and not each.name.startswith((".z", "zarr.json")) for each in (path / name).rglob("*"))
+    there = sum(each.is_file() and each.name != ZARR for each in (path / name).rglob("*"))
     wanted = math.prod(-(-n // c) for n, c in zip(array.shape, array.shards or array.chunks, strict=True))
     if there < wanted:
         raise ValueError(
-            f"{path}:/{name}: {wanted - there} of {wanted} chunks were never written and would read as {fill}: cut the "
-            f"record or write the rest; zarr leaves out chunks of {fill} unless written with write_empty_chunks=True"
+            f"{path}:/{name}: {wanted - there} of {wanted} chunks were never written and would read as {fill}: write "
+            f"them, and chunks of {fill} with write_empty_chunks=True"
         )
 
 
@@ -210,6 +198,4 @@ MATLAB_FORMAT = PlaneFormat(
 NPY_FORMAT = PlaneFormat(
     "numpy", lambda _, head: head.startswith(NUMPY), partial(open_variables, arrays=True), TAKES[1:]
 )
-STORE = PlaneFormat(
-    "zarr", lambda path, head: not head and any((path / name).is_file() for name in ZARR), open_variables, TAKES
-)
+STORE = PlaneFormat("zarr", lambda path, _: (path / ZARR).is_file(), open_variables, TAKES)

@@ -38,10 +38,8 @@ def hold_open(path: str | Path) -> h5py.File:
             failed = error.with_traceback(None)  # its frames, this one among them, would keep the file open in a cycle
             if not re.search("locking|already open for write", str(error)):
                 break
-    why = "is truncated" if "truncated" in str(failed) else "is not an HDF5 (netCDF-4) file"
-    why = "cannot be read" if isinstance(failed, PermissionError) else why
-    remedy = "; copy it again, or write it anew" if why == "is truncated" else ""
-    raise OSError(f"{path} {why}: {failed}{remedy}") from failed
+    why = "is truncated" if "truncated" in str(failed) else "is not an HDF5 (netCDF-4) file that can be read"
+    raise OSError(f"{path} {why}: {failed}") from failed
 
 
 def is_there(group: h5py.Group, key: str, path: str | Path) -> bool:
@@ -93,9 +91,6 @@ def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
             f"{label}: {wanted - written} of {wanted} {what} were never written and would read as "
             f"{dataset.fillvalue}, as after a run that was broken off; cut the file to what is there, or write the rest"
         )
-
-
-# Packed numbers
 
 
 @dataclass(frozen=True)

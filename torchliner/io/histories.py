@@ -60,17 +60,10 @@ class TextFile:
                 warnings.simplefilter("ignore")  # of no rows
                 found = np.loadtxt(lines(), delimiter=self.separator, skiprows=len(self.heading), ndmin=2)
         except ValueError as error:
-            said = str(error).partition("; use")[0].rstrip(".")
-            raise ValueError(
-                f"{self.path}: {said}, behind {len(self.heading)} lines of heading; {self.width} numbers a row are "
-                "needed, and '#' before a remark"
-            ) from error
+            said = f"{self.path}, behind {len(self.heading)} lines: {str(error).partition('; use')[0].rstrip('.')}"
+            raise ValueError(f"{said}; {self.width} numbers a row are needed, and '#' before a remark") from error
         if cut:
-            tell(
-                f"{self.path}: the last line has no end, as where a run was broken off or goes on; it is left out, "
-                f"{len(found)} rows remain",
-                depth=2,
-            )
+            tell(f"{self.path}: the last line has no end, as of a run that goes on; it is left out")
         if not found.size:
             raise Unwritten(f"{self.path} holds no row of numbers that is whole")
         return found
@@ -95,7 +88,7 @@ class TextFile:
             elif line and (not raw.startswith("#") or np.isfinite(values).sum() >= max(2, self.width - 1)):
                 raise ValueError(
                     f"{self.path}, line {number} looks like coordinates or data: {line[:60]!r}; write '# x, 0.1, 0.2, "
-                    "...' for each of x, y, z, or state the points (--points FILE), and begin a remark with '#'"
+                    "...' for each of x, y, z, and begin a remark with '#'"
                 )
         return units, listed, labels
 
@@ -121,9 +114,6 @@ def open_text(path: Path) -> TextFile:
     raise (Unwritten if len(bare) < 2 else ValueError)(f"{path} holds no row of numbers that is whole")
 
 
-# Histories
-
-
 def recognises(path: Path, head: bytes) -> bool:
     """Text with a row of two numbers or more, or that begins with a remark or `time`."""
     lines = [] if b"\0" in head else head.decode("utf-8-sig", "replace").lower().split("\n")
@@ -141,10 +131,7 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     if labels:
         _require_one_velocity([name for name, _ in labels[at + 1 :]], count, request, path)
     if not unit and rate is None:
-        raise ValueError(
-            f"{path}: its times have no unit; write 'time [s]' above them, or state sampling_rate=... "
-            "(--sampling-rate HZ)"
-        )
+        raise ValueError(f"{path}: its times have no unit; write 'time [s]' above them, or state sampling_rate=...")
     points, order, placed, name = None, np.arange(count), None, request.variable or path.stem
     require_direction(f"{path}", name, request.normal)
     if request.points is not None:
@@ -152,12 +139,10 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     elif listed:  # of which the coordinate along the normal may be left out
         found = {(request.normal or "")[-1:]: np.zeros(count)} | listed
         for axis in AXES:
-            if len(found.get(axis, ())) != count or not np.isfinite(found[axis]).all():
-                cells = np.isfinite(found.get(axis, np.empty(0)))
-                raise ValueError(
-                    f"{path}: its heading has {cells.sum()} numbers in {len(cells)} cells as {axis} of the points, for "
-                    f"{count} columns of values"
-                )
+            cells = np.isfinite(found.get(axis, ()))
+            if len(cells) != count or not cells.all():
+                said = f"{cells.sum()} numbers in {len(cells)} cells as {axis} of the points"
+                raise ValueError(f"{path}: its heading has {said}, for {count} columns of values")
         points = np.stack([found[axis] for axis in AXES], 1) * _factor("length", units, request, f"{path}: points")
     if points is not None:
         if len(points) != count:
@@ -216,8 +201,7 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
     axes, values = [name.lower() for name, _ in labels] or list(AXES), text.rows(whole=True)
     if values.shape[1] != 3 or sorted(axes) != list(AXES):
         raise ValueError(
-            f"{path} has {values.shape[1]} columns, {', '.join(axes)}; one row a point of x, y, z is needed, another "
-            "order is named above them"
+            f"{path} has {values.shape[1]} columns, {', '.join(axes)}; one row a point of x, y, z is needed"
         )
     return values[:, [axes.index(axis) for axis in AXES]] * _factor("length", units, request, f"{path}: points")
 

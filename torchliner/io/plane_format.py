@@ -72,19 +72,12 @@ class PlaneRequest:
 
 @dataclass(frozen=True)
 class PlaneFormat:
-    """One row of the table of formats, ``names.PLANE_FORMATS``.
+    """One row of the table of formats, ``names.PLANE_FORMATS``."""
 
-    Args:
-        name: for messages and ``torchliner info``.
-        recognises: from a path and its first 4096 bytes (none of a folder); by content, quick, never raises.
-        open: the plane of a path, or of the series that the path stands for.
-        takes: fields of ``PlaneRequest`` that mean something here; others are refused.
-    """
-
-    name: str
-    recognises: Callable[[Path, bytes], bool]
-    open: Callable[[Path, PlaneRequest], Any]
-    takes: tuple[str, ...] = ()
+    name: str  # for messages and ``torchliner info``
+    recognises: Callable[[Path, bytes], bool]  # from its first 4096 bytes, none of a folder: quick, never raises
+    open: Callable[[Path, PlaneRequest], Any]  # the plane of a path, or of the series that the path stands for
+    takes: tuple[str, ...] = ()  # fields of ``PlaneRequest`` that mean something here; others are refused
 
 
 class Stored:
@@ -159,7 +152,7 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
     if steps[back] < 0:
         raise ValueError(
             f"{name} is out of order: sample {back + 1} is at {time[back + 1]:.9g} s, after {time[back]:.9g} s; sort "
-            "the frames, or give the runs as files of their own, which are joined"
+            "them, or give the runs as files of their own"
         )
     lost = np.rint(steps / usual).astype(int) - 1
     if lost.any() and np.abs(steps - (lost + 1) * usual).max() < 0.1 * usual:
@@ -177,8 +170,7 @@ def uniform_rate(time: np.ndarray, name: str, exact: float = 0.0) -> float:
 def clock_of(
     time: np.ndarray, name: str, stated: float | None, unit: str = "", exact: float | None = None
 ) -> tuple[float, float]:
-    """Sampling rate, Hz, and time of the first of uniform stamps, s, that are rounded by ``exact``, s; by default they
-    were printed.
+    """Sampling rate, Hz, and time of the first of uniform stamps, s, rounded by ``exact``, s; default: printed ones.
 
     A rate that the user has ``stated``, Hz, is that of times without a ``unit``, which count evenly, whatever they
     count. Of times with a unit it must be the rate, to 1 %, and is it where the stamps cannot tell the two apart.

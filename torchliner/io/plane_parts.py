@@ -20,8 +20,6 @@ OFF = 0.1  # of a sampling interval, by which restarts may miss the clock of the
 SAME_VALUE = 1e-5  # of the largest |v|: what text and single precision round
 Piece = tuple[int, VelocityPlane]  # first sample, counted in the whole
 
-# Restarts
-
 
 def named_planes(plane: VelocityPlane) -> list[tuple[str, str]]:
     """What a plane is and its name, for ``origin_of``; for a joined plane, those of its pieces."""
@@ -68,9 +66,8 @@ def join_planes(planes: Sequence[VelocityPlane], overlap: str = "refuse") -> Vel
         drift = abs(piece.sampling_rate / first.sampling_rate - 1) * max(first.samples, piece.samples)
         if drift > OFF or abs(after - round(after)) > OFF:
             raise ValueError(
-                f"{first.name} and {piece.name} cannot be joined: they are sampled at {first.sampling_rate:.9g} and "
-                f"{piece.sampling_rate:.9g} Hz, and the second begins {after:.6g} sampling intervals after the first: "
-                "two time bases; resample or shift one"
+                f"{first.name} and {piece.name} have two time bases: they are at {first.sampling_rate:.9g} and "
+                f"{piece.sampling_rate:.9g} Hz, and the second begins {after:.6g} samples later; resample or shift one"
             )
         pieces.append((round(after), piece))
     pieces.sort(key=lambda each: each[0])
@@ -79,9 +76,8 @@ def join_planes(planes: Sequence[VelocityPlane], overlap: str = "refuse") -> Vel
         end = at + owner.samples
         if low > end:
             raise ValueError(
-                f"{low - end} samples of {1 / rate:.6g} s are missing between {owner.name}, which ends at "
-                f"{owner.start + (owner.samples - 1) / rate:.9g} s, and {piece.name}, which begins at "
-                f"{piece.start:.9g} s; give the file between them, or each side on its own"
+                f"{low - end} samples of {1 / rate:.6g} s are missing between {owner.name} and {piece.name}, which "
+                f"begins at {piece.start:.9g} s; give the file between them, or each side on its own"
             )
         if low < end:
             notes.append(_compared(owner, piece, low - at, overlap))
@@ -112,19 +108,15 @@ def _compared(before: VelocityPlane, after: VelocityPlane, shift: int, overlap: 
         one, two = before.read(begin + shift, end + shift).double(), after.read(begin, end).double()
         off = (one - two).abs().nan_to_num(0.0).masked_fill(one.isnan() != two.isnan(), torch.inf)
         worst, largest = max(worst, float(off.max())), max(largest, float(one.abs().nan_to_num(0.0).max()))
-    twice = f"{samples} samples of {after.name} stand in {before.name} too"
+    twice = f"{samples} samples of {after.name}, from {after.start:.9g} s on, stand in {before.name} too"
     if overlap != "refuse":
         return f"{twice}, and differ by up to {worst:.3g} m/s; the {overlap} ones count"
     if worst > SAME_VALUE * largest:
         raise ValueError(
-            f"{before.name} and {after.name} share {samples} samples from {after.start:.9g} s on but not their values: "
-            f"they differ by up to {worst:.4g} m/s (does the second count from 0 again?); say which count with "
-            "overlap='later' or 'earlier' (--overlap), or leave one out"
+            f"{twice}, and differ by up to {worst:.4g} m/s; say which count with overlap='later' or 'earlier' "
+            "(--overlap), or leave one out (does the second count from 0 again?)"
         )
     return f"{twice}, and count once"
-
-
-# Parts
 
 
 @dataclass

@@ -14,7 +14,7 @@ from torchliner.io.foreign import read_array
 from torchliner.io.plane_format import PlaneFormat, PlaneRequest
 from torchliner.io.plane_parts import JOINED, join_planes, select
 from torchliner.io.points import require_velocity
-from torchliner.names import PLANE_FORMATS, did_you_mean, resolve
+from torchliner.names import PLANE_FORMATS, resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.origin import series_of
 from torchliner.units import si_factor
@@ -46,15 +46,9 @@ def read_plane(
             x, z, points, overlap.
     Raises:
         OSError: missing, truncated, unreadable, of no format that is known; a glob that matches nothing.
-        TypeError: an option of another name.
         ValueError: something is missing, has a wrong shape or no or wrong units; times are not uniform; files do not
             join; nothing is selected. The message names FILE:/variable.
-    Warns:
-        DataWarning: values stand in another file; samples of several files overlap.
     """
-    for name in stated:
-        if name not in KNOWN:
-            raise TypeError(f"read_plane takes no {name!r}{did_you_mean(name, KNOWN)}")
     request = PlaneRequest(**stated)
     planes: list[VelocityPlane] = []
     seen: set[str] = set()  # files of series, of which any file stands for all
@@ -62,6 +56,8 @@ def read_plane(
         if os.path.abspath(each) not in seen:
             planes.append(open_plane(each, request))
             seen.update(os.path.abspath(frame) for frame in series_of(each))
+    if not planes:
+        raise ValueError("the list of plane files is empty; name at least one")
     plane = select(join_planes(planes, request.overlap or "refuse"), start, stop)
     return plane if lazy else plane.load()
 
@@ -69,10 +65,7 @@ def read_plane(
 def paths_of(path: str | Path | Iterable[str | Path]) -> list[Path]:
     """The files that a path, a list or a glob names; a FileNotFoundError where a glob matches nothing."""
     if not isinstance(path, str | os.PathLike):
-        found = [one for each in path for one in paths_of(each)]
-        if not found:
-            raise ValueError("the list of plane files is empty; name at least one")
-        return found
+        return [one for each in path for one in paths_of(each)]
     text = os.fspath(path)
     if glob.escape(text) == text or os.path.lexists(text):
         return [Path(path)]

@@ -28,8 +28,6 @@ PRESSURE = re.compile(r"p|.*press(ure)?s?", re.IGNORECASE)
 USUAL = ("U", "u", "velocity", "Velocity", "VELOCITY")  # names of vectors
 Places = tuple[np.ndarray, np.ndarray | None]  # points, (N, 3), and areas of faces
 
-# Names and units
-
 
 def component_of(name: str | None) -> int | None:
     """0, 1, 2 for names as x_velocity, YVelocity, U_z; None for those of a vector or of others."""
@@ -52,10 +50,7 @@ def require_direction(label: str, name: str, normal: str | None) -> None:
     """Refuse a component that is named along another axis than the normal that the user states."""
     component = component_of(name)
     if normal and component is not None and AXES[component] != normal[-1]:
-        raise ValueError(
-            f"{label} is the velocity along {AXES[component]}, but normal is {normal!r}; name the variable of that "
-            "direction"
-        )
+        raise ValueError(f"{label} is the velocity along {AXES[component]}, but normal is {normal!r}; name another one")
 
 
 def column_of(name: str, values: int, request: PlaneRequest, label: str) -> int:
@@ -73,17 +68,10 @@ def column_of(name: str, values: int, request: PlaneRequest, label: str) -> int:
 
 def stated_factor(request: PlaneRequest, quantity: str, label: str) -> float:
     """To SI, of velocities or lengths whose unit no file states; a ValueError where the user states none either."""
-    unit = getattr(request, f"{quantity}_units")
+    unit, example = getattr(request, f"{quantity}_units"), "m/s" if quantity == "velocity" else "m"
     if unit is None:
-        example = "m/s" if quantity == "velocity" else "m"
-        raise ValueError(
-            f"{label} states no unit of {quantity}: state {quantity}_units='{example}' or another "
-            f"(--{quantity}-units {example})"
-        )
+        raise ValueError(f"{label} states no unit of {quantity}: {quantity}_units=... (--{quantity}-units {example})")
     return si_factor(quantity, unit, f"{label}: {quantity}_units")
-
-
-# Places
 
 
 @dataclass(frozen=True)
@@ -121,8 +109,8 @@ def place(points: np.ndarray, request: PlaneRequest, label: str, area: np.ndarra
     if request.normal is None:
         extent = " x ".join(f"{length:.4g}" for length in np.ptp(points, axis=0))
         raise ValueError(
-            f"{label}: the points extend over {extent} m along x, y, z, and the file does not say where the liner is: "
-            "state normal='y' or another (--normal y; --normal=-y where the liner lies above)"
+            f"{label}: the points extend over {extent} m along x, y, z; state normal='y' or another (--normal y; "
+            "--normal=-y where the liner lies above)"
         )
     axis = AXES.index(request.normal[-1])
     height = points[:, axis]
@@ -135,9 +123,7 @@ def place(points: np.ndarray, request: PlaneRequest, label: str, area: np.ndarra
     if np.ptp(height) > SAME * np.abs(points).max():
         span = f"{AXES[axis]} = {height.min():.6g} to {height.max():.6g} m along the wall normal"
         if above := len(spot) - len(np.unique(spot)):
-            raise ValueError(
-                f"{label}: {above} of {len(spot)} points stand above others, {span}; keep those of one height"
-            )
+            raise ValueError(f"{label}: {above} of {len(spot)} points stand above others, {span}; keep one height")
         tell(f"{label}: the points stand at {span}, of which a plane has one")
     if min(shape) > 1 and np.array_equal(spot[order], np.arange(math.prod(shape))):
         x, z = columns, rows
@@ -162,10 +148,13 @@ def centres_of(points: np.ndarray, corners: np.ndarray, ends: np.ndarray, label:
     (N, 3), of all faces one after another, ``ends`` where those of each end, (F,)."""
     starts = np.append(0, ends[:-1])
     sizes = ends - starts
-    if not len(ends) or (sizes < 3).any() or ends[-1] != len(corners):
-        raise ValueError(f"{label}: faces have {sizes.min(initial=3)} corners of {len(corners)}; three are needed")
-    if corners.min() < 0 or corners.max() >= len(points):
-        raise ValueError(f"{label}: faces name points {corners.min()} to {corners.max()}; there are {len(points)}")
+    if (
+        not len(ends)
+        or (sizes < 3).any()
+        or ends[-1] != len(corners)
+        or not 0 <= corners.min() <= corners.max() < len(points)
+    ):
+        raise ValueError(f"{label}: faces have fewer than three corners, or name points that are not there")
     corner = points[corners]
     middle = np.add.reduceat(corner, starts) / sizes[:, None]
     hub = np.repeat(middle, sizes, 0)
@@ -177,9 +166,6 @@ def centres_of(points: np.ndarray, corners: np.ndarray, ends: np.ndarray, label:
     moment = np.add.reduceat(size * (corner + corner[after] + hub) / 3, starts)
     centres = np.where(total > 0, moment / np.where(total > 0, total, 1), middle)
     return centres, np.linalg.norm(np.add.reduceat(triangle, starts), axis=1)
-
-
-# Frames
 
 
 class Frame(NamedTuple):

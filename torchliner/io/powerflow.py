@@ -6,7 +6,6 @@ A frame is the mean over the steps start_time .. end_time and stands at their mi
 frequency f is attenuated by sinc(f Tw), Tw the length of the mean.
 """
 
-import math
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -19,7 +18,7 @@ from torchliner.io.foreign import open_source
 from torchliner.io.hdf5 import is_there, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest, uniform_rate
 from torchliner.io.plane_parts import SelectedVelocity
-from torchliner.io.points import Places, centres_of, place, require_direction
+from torchliner.io.points import Places, centres_of, column_of, place
 from torchliner.io.variables import VariableVelocity
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
@@ -54,14 +53,11 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
         points, area = _places(file, length, path)
         names = _texts(file["variable_short_names"])
         if values.shape[1:] != (len(names), len(points)):
-            raise ValueError(
-                f"{values.label} has shape {values.shape}, (frames, variables, points), for the {len(names)} variables "
-                f"of variable_short_names and coordinates of {len(points)} points"
-            )
+            raise ValueError(f"{values.label} has shape {values.shape}, not (frames, {len(names)}, {len(points)})")
         face, chosen = _face(file, request, len(points), path)
         name = request.variable or f"{(request.normal or 'y')[-1]}_velocity"
         label = f"{path}:/{name}"
-        require_direction(label, name, request.normal)
+        column_of(name, 1, request, label)
         placed = place(points[chosen], request, label, None if area is None else area[chosen])
         if name not in names:
             raise ValueError(f"{path} has no variable {name!r}{did_you_mean(name, names)}; it holds {', '.join(names)}")
@@ -71,18 +67,12 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
     stored.label = label
     columns = torch.from_numpy(chosen[placed.order])
     selected = SelectedVelocity(stored, (*placed.shape, values.shape[0]), columns=columns)
-    if (kept := attenuation(HIGHEST, window)) < 1 - DAMPED:
-        limit = math.sqrt(6 * DAMPED) / (math.pi * window)
+    if (kept := float(np.sinc(HIGHEST * window))) < 1 - DAMPED:
         tell(
-            f"{label}: frames are means over {window:.4g} s, which attenuate a tone, and with it |v|, by more than "
-            f"{DAMPED:.0%} above {limit:.4g} Hz, to {kept:.4f} at {HIGHEST:g} Hz; measure with shorter means"
+            f"{label}: frames are means over {window:.4g} s, which attenuate a tone, and with it |v|, to {kept:.4f} at "
+            f"{HIGHEST:g} Hz; measure with shorter means"
         )
     return placed.plane(selected, rate, start, path, format="PowerFLOW", frame_average=window, face=face)
-
-
-def attenuation(frequency: float, window: float) -> float:
-    """Factor on a tone in means over ``window`` seconds: sin(pi f Tw)/(pi f Tw)."""
-    return float(np.sinc(frequency * window))
 
 
 def _texts(letters: np.ndarray) -> list[str]:
@@ -100,12 +90,10 @@ def _clock(file: Arrays, step: float, frames: int, path: Path) -> tuple[float, f
     low, high = (_row(file[name]) for name in ("start_time", "end_time"))
     if not len(low) == len(high) == frames:
         raise ValueError(f"{path}: start_time and end_time are those of {len(low)} of {frames} frames")
-    windows = high - low
-    usual, at = float(np.median(windows)), int(np.abs(windows - np.median(windows)).argmax())
+    windows, times = high - low, (low + high) / 2 * step
     if not (windows >= 0).all() or np.ptp(windows) > 0.01 * windows.max():
-        raise ValueError(f"{path}: frame {at} is a mean over {windows[at]:g} time steps, others over {usual:g}")
-    times = (low + high) / 2 * step
-    return uniform_rate(times, f"{path}, start_time to end_time"), float(times[0]), usual * step
+        raise ValueError(f"{path}: frames are means over {windows.min():g} to {windows.max():g} time steps")
+    return uniform_rate(times, f"{path}, start_time to end_time"), float(times[0]), float(np.median(windows)) * step
 
 
 def _places(file: Arrays, length: float, path: Path) -> Places:
@@ -131,7 +119,7 @@ def _face(file: Arrays, request: PlaneRequest, count: int, path: Path) -> tuple[
     names, face = _texts(file["face_names"]), _row(file["face"], np.int64)
     if len(face) != count or not 0 <= face.min() <= face.max() < len(names):
         raise ValueError(
-            f"{path}:/face has {len(face)} values for {count} points, {len(names)} face_names; it is damaged"
+            f"{path}:/face is not one of {len(names)} face_names for each of {count} points; it is damaged"
         )
     used = [names[i] for i in np.unique(face)]
     name = request.group or (used[0] if len(used) == 1 else "")

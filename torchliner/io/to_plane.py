@@ -1,5 +1,5 @@
 """The one way from variables to a plane: which is the velocity, what its clock is, which of its axes is what, where the
-probes stand, what the case is. Names, units and CF's ``axis`` say it, or the user; nothing is guessed.
+probes stand, what the case is. Names and units say it, or the user; nothing is guessed.
 
 Dimensions are (time, z, x), (time, x) or (time, probe), in any order. Numbers beside the velocity are scalar variables
 with units (docs/formats.md).
@@ -15,7 +15,6 @@ from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.points import require_direction
 from torchliner.io.variables import (
     Field,
-    Fields,
     Source,
     VariableVelocity,
     coordinate,
@@ -31,10 +30,6 @@ HEAD = {"title": str, "source_side": str, "liner": str, "provenance": dict[str, 
 VELOCITY, STREAMWISE, AREA = "wall_normal_velocity", "streamwise_velocity", "area"
 STATED = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
 STATED |= FLUID_UNITS
-REMEDIES = {
-    "torchliner pressure": "; use torchliner insitu",
-    "torchliner moments": ": moments, and this needs the samples, which are gone; name the plane that was reduced",
-}
 ROLES = {"t": "time"} | {f"{axis}_unique": axis for axis in "xyz"}  # the latter in files of MATLAB
 
 
@@ -45,9 +40,8 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     head = Field(None, path, "/", source.attrs)
     schema = head.text("schema") or ""
     if f"/{VELOCITY}" not in fields and schema.startswith("torchliner "):
-        raise ValueError(
-            f"{path} is no velocity plane but a file of schema {schema!r}{REMEDIES.get(schema.rpartition(' ')[0], '')}"
-        )
+        why = "; this needs the samples, which are gone: name the plane that was reduced" if "moments" in schema else ""
+        raise ValueError(f"{path} is no velocity plane but a file of schema {schema!r}{why}")
     velocity = _velocity(source, request)
     require_direction(velocity.label, velocity.short, request.normal)
     sign = -1.0 if (request.normal or "").startswith("-") else 1.0
@@ -58,10 +52,10 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     ours, groups = velocity.short == VELOCITY, ("", velocity.name.rpartition("/")[0])
     near = {each.short: each for lead in groups for name, each in fields.items() if name.rpartition("/")[0] == lead}
     rate, samples, start = request.sampling_rate, None, 0.0
-    clocks = [each for each in near.values() if role_of(each.name, fields) == "time" and len(each.shape) == 1]
+    clocks = [each for each in near.values() if role_of(each.name) == "time" and len(each.shape) == 1]
     if clocks:
         rate, samples, start = read_times(min(clocks, key=lambda each: each.name not in velocity.axes), rate)
-    order, across = find_axes(velocity, fields, request, samples)
+    order, across = find_axes(velocity, request, samples)
     if rate is None:
         raise ValueError(f"{velocity.label} has no times; give sampling_rate=..., in Hz")
     said = {key: read_attribute(head, key, hint, path) for key, hint in HEAD.items()}
@@ -73,7 +67,7 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
     for name, word, axes in (("x", "x", order[-1:]), ("z", across, order[1:2])):
         count = velocity.shape[axes[0]] if len(order) > 1 else 1
         for each in near.values():
-            if case.get(name) is None and role_of(each.name, fields) == word and (ours or each.size == count):
+            if case.get(name) is None and role_of(each.name) == word and (ours or each.size == count):
                 case[name] = coordinate(each, count, request.length_units)
     own = near if ours else {}
     if stream := own.get(STREAMWISE):
@@ -102,20 +96,13 @@ def _velocity(source: Source, request: PlaneRequest) -> Field:
     )
 
 
-def role_of(name: str, fields: Fields) -> str:
-    """time, x, y or z of a dimension or its variable, by its name or as CF has it; else its name."""
-    field, short = fields.get(name), name.rpartition("/")[2].lower()
-    if field is not None:
-        axis = (field.text("axis") or "").lower()
-        if axis == "t" or field.text("standard_name") == "time" or " since " in (field.text("units") or ""):
-            return "time"
-        short = axis if axis in ("x", "y", "z") else short
+def role_of(name: str) -> str:
+    """time, x, y or z of a dimension or its variable; else its name."""
+    short = name.rpartition("/")[2].lower()
     return ROLES.get(short, short)
 
 
-def find_axes(
-    velocity: Field, fields: Fields, request: PlaneRequest, samples: int | None
-) -> tuple[tuple[int, ...], str]:
+def find_axes(velocity: Field, request: PlaneRequest, samples: int | None) -> tuple[tuple[int, ...], str]:
     """Its axes, time first, then z and x, or probe; the coordinate that plays z, "y" where z is normal to the wall.
 
     The user or the dimensions tell them; where these have no names, time is the one as long as there are ``samples``,
@@ -123,7 +110,7 @@ def find_axes(
     """
     shape = velocity.shape
     across = "y" if (request.normal or "")[-1:] == "z" else "z"
-    roles = request.axis_names or [role_of(axis, fields) for axis in velocity.axes or ("",) * len(shape)]
+    roles = request.axis_names or [role_of(axis) for axis in velocity.axes or ("",) * len(shape)]
     if "time" not in roles and samples is not None:
         roles[time_axis(velocity, samples)] = "time"
     held = ("x", across, "probe")  # also where one value is left

@@ -133,8 +133,8 @@ def field_of(group: h5py.Group, key: str, path: str | Path) -> Field:
 
 
 def read_times(field: Field, stated: float | None = None) -> tuple[float, int, float]:
-    """Sampling rate, Hz, number of samples, and time of the first, s, since the epoch if there is one; as ``clock_of``,
-    with a DataWarning where single precision tells the rate badly."""
+    """Sampling rate, Hz, number of samples, and time of the first, s, since the epoch if there is one; as ``clock_of``.
+    A DataWarning where single precision tells the rate badly."""
     name, counts, kind = field.label, field.values(), field.array.dtype
     if counts.ndim != 1 or len(counts) < 2:
         raise Unwritten(f"{name} has shape {field.shape}; a list of at least two times is needed")
@@ -195,11 +195,8 @@ def time_axis(field: Field, samples: int) -> int:
     """0 or -1, from the dimension 'time' or from the lengths; a ValueError where neither or both fit."""
     shape, axes = field.shape, [axis.rpartition("/")[2] for axis in field.axes]
     fits = [i for i in (0, -1) if shape and shape[i] == samples and ("time" not in axes or axes[i] == "time")]
-    if (
-        len(fits) != 1 + (len(shape) == 1)
-        or len(shape) > 3
-        or [each for each in axes if each in ("z", "x")] == ["x", "z"]
-    ):
+    turned = [each for each in axes if each in ("z", "x")] == ["x", "z"]
+    if len(fits) != 1 + (len(shape) == 1) or len(shape) > 3 or turned:
         raise ValueError(
             f"{field.label} has shape {shape} and dimensions {tuple(axes)}, but there are {samples} times; (time, z, x)"
             " or (time, probe) is needed, time first or last, marked by the dimension scale 'time' where both fit"
@@ -208,10 +205,8 @@ def time_axis(field: Field, samples: int) -> int:
 
 
 def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarray | None:
-    """Places of ``count`` probes, m, in units of the file or ``stated``; None where they number them alone."""
+    """Places of ``count`` probes, m, in units of the file or ``stated``; None for the length of a dimension alone."""
     if field.bare:
-        return None
-    if field.text("units") == "1" and np.array_equal(field.values(), np.arange(field.size)):
         return None
     values = field.si("m", stated).reshape(-1)
     if len(values) != count or not np.isfinite(values).all():
@@ -223,8 +218,7 @@ class VariableVelocity(Stored):
     """The velocity of one variable, read by slabs by whoever ``opens`` its file again.
 
     ``order``: its axes, time first, then those of the probes; of axes left out one value is taken. ``factor``: to m/s.
-    ``part``: of the variable by axis, where not all of it is read. A ValueError as of ``Field.packing``, or where one
-    sample does not fit into memory.
+    ``part``: of the variable by axis, where not all of it is read.
     """
 
     def __init__(
@@ -233,8 +227,7 @@ class VariableVelocity(Stored):
         self.path, self.key, self.label, self.packing = each.path, each.name.lstrip("/"), each.label, each.packing()
         self.opens, self.order, self.factor, self.part = opens, order, factor, part or {}
         self.shape = (*(each.shape[i] for i in order[1:]), each.shape[order[0]])
-        sample = 16 * math.prod(self.shape[:-1])
-        require_memory(sample, f"{each.label}, {each.shape}: one sample of all probes, read ahead,")
+        require_memory(16 * math.prod(self.shape[:-1]), f"{each.label}, {each.shape}: one sample, read ahead,")
         stored = each.array.dtype
         wide = stored.itemsize > (4 if stored.kind == "f" else 2)  # than float32 holds exactly
         self.dtype = torch.float64 if wide else torch.float32
@@ -252,8 +245,6 @@ class VariableVelocity(Stored):
             self._require_whole()  # where a map of it would end the process
             self._fill(begin, end, out.numpy())
             self._require_whole()  # where HDF5 fills in zeros and says nothing
-        except FileNotFoundError:
-            raise
         except (OSError, RuntimeError) as error:
             raise OSError(f"{self.label} cannot be read from sample {begin} to {end}: {error}") from error
         if self.factor != 1:

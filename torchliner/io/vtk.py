@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from torchliner.file_checks import Unwritten, require_memory, require_regular
-from torchliner.io.hdf5 import is_there, open_file, require_stored
+from torchliner.io.hdf5 import is_there, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import Frame, Frames, Places, centres_of, plane_of_frames
 from torchliner.records import VelocityPlane
@@ -37,10 +37,10 @@ def recognises(path: Path, head: bytes) -> bool:
 def open_series(path: Path, request: PlaneRequest) -> VelocityPlane:
     """The plane of a series of frames: a collection, any of the numbered files, or their folder. ``group`` names the
     series where a folder has several, or the block; units are always to be stated, the rate where no file has times."""
-    numbers = _numbered(path, request.group) if path.is_dir() or path.suffix in ENDINGS else {}
-    frames: Frames = [(each, partial(read_frame, each, request.group), float(n)) for each, n in numbers.items()]
-    timed = False
-    if not numbers:
+    if path.is_dir() or path.suffix in ENDINGS:
+        numbers, timed = _numbered(path, request.group), False
+        frames: Frames = [(each, partial(read_frame, each, request.group), float(n)) for each, n in numbers.items()]
+    else:
         frames, timed = _steps(path, request.group)
     return plane_of_frames(frames, request, path, timed=timed, si=False, format="VTK series")
 
@@ -59,14 +59,6 @@ def _numbered(path: Path, group: str | None) -> dict[Path, Decimal]:
 
 def _steps(path: Path, group: str | None) -> tuple[Frames, bool]:
     """Frames of a file that names several or holds them, collections, EnSight, VTKHDF, and whether it states times."""
-    if h5py.is_hdf5(path):  # of values that were never written HDF5 would give zeros
-        with open_file(path) as file:
-            if "Steps" not in file["VTKHDF"]:
-                raise ValueError(f"{path}:/VTKHDF has no Steps: it is one frame, a plane needs several")
-            for section in ("PointData", "CellData"):
-                for data in file["VTKHDF"].get(section, {}).values():
-                    if isinstance(data, h5py.Dataset):
-                        require_stored(data, f"{path}:{data.name}", path)
     reader = _reader(path)
     times = getattr(reader, "time_values", None)  # VTKHDF states them in each frame
     go = getattr(reader, "set_active_time_point", None) or reader.reader.SetStep
@@ -121,14 +113,10 @@ def _frame(reader: Any, path: Path, group: str | None) -> Frame:
     if not hasattr(mesh, "cell_data"):
         raise ValueError(f"{path} holds {type(mesh).__name__}, no points with values")
     mesh = mesh.copy(deep=False)  # a reader of steps fills the same one again
-    arrays = {name: (False, _columns(mesh.point_data[name])) for name in mesh.point_data}
-    arrays |= {name: (True, _columns(mesh.cell_data[name])) for name in mesh.cell_data}
+    arrays = {name: (False, np.asarray(v).reshape(len(v), -1)) for name, v in mesh.point_data.items()}
+    arrays |= {name: (True, np.asarray(v).reshape(len(v), -1)) for name, v in mesh.cell_data.items()}
     times = [mesh.field_data[name] for name in mesh.field_data if name.lower() in ("time", "timevalue")]
     return Frame(arrays, partial(_places, mesh, path), float(times[0].flat[0]) if times and times[0].size else None)
-
-
-def _columns(values: Any) -> np.ndarray:
-    return np.asarray(values).reshape(len(values), -1)
 
 
 def _places(mesh: Any, path: Path, on_faces: bool) -> Places:
@@ -145,9 +133,5 @@ def _places(mesh: Any, path: Path, on_faces: bool) -> Places:
     return np.asarray(mesh.cell_centers().points, np.float64), area if (area > 0).all() else None
 
 
-FORMAT = PlaneFormat(
-    "VTK series",
-    recognises,
-    open_series,
-    ("variable", "group", "velocity_units", "length_units", "sampling_rate", "normal"),
-)
+TAKES = ("variable", "group", "velocity_units", "length_units", "sampling_rate", "normal")
+FORMAT = PlaneFormat("VTK series", recognises, open_series, TAKES)
