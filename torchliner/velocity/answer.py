@@ -32,10 +32,8 @@ def answer(
     reference_phase: Any = None,
     pressure: Any = None,
 ) -> ImpedanceMap:
-    """The map from moments that fit what is asked; arguments as of ``educe``.
-
-    ``chosen``: those with which the plane was read just now, or of ``fitting``.
-    """
+    """The map from moments that fit what is asked; ``chosen``: those with which the plane was read just now, or of
+    ``fitting``; else as of ``educe``."""
     plane, liner, names = known.plane, liner.in_flow(known.plane.mach), COMPUTED[chosen.averaging]
     found = {name: average(known, liner, frequency, chosen, name, reference_phase) for name in names}
     heard, of_sound = review.review_sound(known, liner, frequency, chosen)
@@ -54,24 +52,13 @@ def answer(
     ]
     facts = facts_of(known, liner, chosen, error, pressure, reference_phase)
     facts |= {"averaging": answered, "level_check": words, **of_sound}
-    return map_of(
-        known,
-        liner,
-        frequency,
-        found,
-        averaging=answered,
-        choices=facts,
-        notes=tuple(dict.fromkeys(notes)),
-        level_check=check,
-    )
+    about: dict[str, Any] = {"averaging": answered, "choices": facts, "level_check": check}
+    return map_of(known, liner, frequency, found, notes=tuple(dict.fromkeys(notes)), **about)
 
 
 def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> Choices:
-    """Choices, with their background measured, by which moments that were made before answer.
-
-    Raises:
-        ValueError: the moments do not fit what is asked.
-    """
+    """Choices, with their background measured, by which moments that were made before answer; ValueError where these do
+    not fit what is asked."""
     liner = liner.in_flow(known.plane.mach)
     chosen = settled(known.plane, chosen, frequency, liner, known.cell_pitch)
     require_fitting(known, liner, frequency, chosen)
@@ -79,44 +66,30 @@ def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choice
 
 
 def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> None:
-    """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on.
-
-    Raises:
-        ValueError: what differs, and what to do.
-    """
-    name = known.plane.name
+    """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on."""
+    name, again = f"{known.plane.name} was reduced", "or reduce the data again"
     known.require_speeds(liner)
     wanted = chosen.describe() | {"running_window": chosen.window(frequency)}
-    again = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
-    again |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()
-    again |= set() if chosen.averaging == "phase-locked" else {"background"}
+    free = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
+    free |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()
+    free |= set() if chosen.averaging == "phase-locked" else {"background"}
     for key, made in known.settings.items():
-        if wanted[key] != made and key not in again:
+        if wanted[key] != made and key not in free:
             remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
-            raise ValueError(
-                f"{name} was reduced with {key} {made!r}, and {wanted[key]!r} is asked for; {remedy}, or reduce the "
-                "data again"
-            )
+            raise ValueError(f"{name} with {key} {made!r}, and {wanted[key]!r} is asked for; {remedy}, {again}")
     if liner.cell_pitch != known.cell_pitch:
-        pitches = (known.cell_pitch, liner.cell_pitch)
-        of_data, of_liner = ("all probes" if pitch is None else f"{1e3 * float(pitch):.6g} mm" for pitch in pitches)
         raise ValueError(
-            f"{name} was reduced for cells of {of_data}, and the liner's are of {of_liner}; reduce the data again with "
-            "that liner"
+            f"{name} for a cell_pitch of {known.cell_pitch} m, and the liner has {liner.cell_pitch} m; {again}"
         )
-    needed, plain = [], "choose phase='averaged'"
+    needed = []
     if chosen.phase != "averaged":
-        needed.append((f"the line of phase {chosen.phase!r}", known.turns / 2, plain))
+        needed.append((f"the line of phase {chosen.phase!r}", known.turns / 2))
     if chosen.wall_filter is not None or chosen.phase == "self-consistent":
-        remedy = plain if chosen.wall_filter is None else "leave wall_filter out"
-        needed.append(("the coherence of v with the tone", known.survey.lines, remedy))
-    for what, lines, remedy in needed:
+        needed.append(("the coherence of v with the tone", known.survey.lines))
+    for what, lines in needed:
         for f in (f for f in frequency.tolist() if index_of_frequency(lines, f) is None):
             held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
-            raise ValueError(
-                f"{name} holds {what} at {held}, and not at {f:g} Hz; {remedy}, or reduce the data again with that "
-                "frequency"
-            )
+            raise ValueError(f"{name} with {what} at {held}, and not at {f:g} Hz; ask without it, {again}")
 
 
 def map_of(
@@ -189,10 +162,10 @@ def facts_of(
         "model_error": error,
     }
     if locked is not None and chosen.averaging == "phase-locked":
-        cells, scale = known.membership, locked.scale
-        mean = 1.0 if scale is None else float((cells.mean(scale) * cells.sizes).sum() / cells.sizes.sum())
+        scale = torch.ones_like(known.survey.mean) if locked.scale is None else locked.scale
+        sizes = known.membership.sizes
         facts |= {"phase_locked_lines": locked.lines.tolist(), "phase_locked_share": locked.share.mean(1).tolist()}
-        facts |= {"incoherent_scale": mean}  # of all cells
+        facts["incoherent_scale"] = float((known.membership.mean(scale) * sizes).sum() / sizes.sum())  # of all cells
     named = [("moments", plane.name)] if holds_moments(plane.name) else named_planes(plane)
     named += [("liner", name) for name in liner.files]
     named += [] if pressure is None else [("wall pressure", getattr(pressure, "name", ""))]

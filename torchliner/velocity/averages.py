@@ -9,6 +9,7 @@ All of it is computed from all blocks and without each block in turn, along one 
 that the intervals of probes, cells and liner come from the same lines of code as their values. It stays on the device.
 """
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Callable
@@ -45,14 +46,11 @@ def given(a: Tensor, b: Tensor, *, phase: Tensor, **_: Any) -> Tensor:
 
 
 def self_consistent(a: Tensor, b: Tensor, *, velocity: Tensor, held: Tensor, **_: Any) -> Tensor:
-    r"""The wave whose replayed reflection gives the tone in v itself.
+    r"""The wave whose replayed reflection gives the tone in v itself: V, half the complex peak amplitude of v into the
+    liner at f, m/s, (..., N, F). Where v is not coherent with the tone, ``held``, the rule falls back to ``averaged``.
 
     :math:`(1 - a) X - b X^* = V` has the solution :math:`X = [(1 - a)^* V + b V^*]/(|1 - a|^2 - |b|^2)`; iterating
-    for X fails at high |v|. Where v is not coherent with the tone the rule falls back to ``averaged``.
-
-    Args:
-        velocity: V, half the complex peak amplitude of v into the liner at f, m/s, (..., N, F).
-        held: whether v is coherent enough with the tone for its phase to mean anything, bool, (N, F).
+    for X fails at high |v|.
     """
     wave = (1 - a).conj() * velocity + b * velocity.conj()
     wave = wave / ((1 - a).abs().square() - b.abs().square())
@@ -69,25 +67,15 @@ PHASE_RULES: dict[str, Callable[..., Tensor]] = {
 
 @dataclass(frozen=True, eq=False)
 class Averages:
-    """R under one averaging.
+    """R under one averaging."""
 
-    Args:
-        probes: (P, F); None for ``velocity``, which knows cells only.
-        cells: (C, F).
-        liner: (F,).
-        along_x: of the admittance averaged over z, (X, F); None for planes without rows and for ``velocity``.
-        replicates: R of the liner and of the cells from all blocks and without each of them, (B, 1 + C, F).
-        held: where the phase rule could be used, bool, (N, F); N probes or cells.
-        wall: probes that count as wall, bool, (P, F); None without a wall filter.
-    """
-
-    probes: Educed | None
-    cells: Educed
-    liner: Educed
-    along_x: Educed | None
-    replicates: Tensor
-    held: Tensor
-    wall: Tensor | None
+    probes: Educed | None  # (P, F); None for ``velocity``, which knows cells only
+    cells: Educed  # (C, F)
+    liner: Educed  # (F,)
+    along_x: Educed | None  # averaged over z, (X, F); None for planes without rows and for ``velocity``
+    replicates: Tensor  # R of the liner and of the cells from all blocks and without each, (B, 1 + C, F)
+    held: Tensor  # where the phase rule could be used, bool, (N, F); N probes or cells
+    wall: Tensor | None  # probes that count as wall, bool, (P, F); None without a wall filter
 
 
 def average(
@@ -98,10 +86,7 @@ def average(
     averaging: str,
     reference_phase: Any = None,
 ) -> Averages:
-    """R of probes, cells and liner under one averaging, on the device of the moments; nothing is read back.
-
-    Arguments as of ``educe``; ``frequency`` in Hz, (F,), on the host.
-    """
+    """R of probes, cells and liner under one averaging, on the device of the moments; nothing is read back."""
     plane, seen, cells, lengths = known.plane, known.survey, known.membership, known.survey.lengths
     device, liner, locked, wall, phase = lengths.device, liner.in_flow(plane.mach), known.locked, None, None
     consistent, of_cells = chosen.phase == "self-consistent", averaging == "velocity"
@@ -161,24 +146,16 @@ def average(
 
 def phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> Tensor:
     """psi of all probes, (P, F or 1), from what was given for F = ``count`` frequencies."""
-    if chosen.phase != "given":
-        raise ValueError(f"reference_phase is only used with phase='given', not {chosen.phase!r}")
-    if phase is None:
-        raise ValueError("phase='given' needs reference_phase, in rad, one for all or per probe")
+    if chosen.phase != "given" or phase is None:
+        raise ValueError("phase='given' and reference_phase, in rad, one for all or per probe, go together")
     values, shape = phase_tensor(phase).cpu(), plane.probe_shape
-    if count > 1 and values.shape == (count,) and shape[-1:] == (count,):
-        raise ValueError(
-            f"reference_phase has shape ({count},), and there are {count} probes and {count} frequencies; give "
-            "(probes, 1) or (1, frequencies)"
-        )
     for candidate in (shape, (*shape, count)):
-        try:
-            return values.broadcast_to(candidate).reshape(plane.probes, -1)
-        except RuntimeError:
-            continue
+        with contextlib.suppress(RuntimeError):
+            if not (count > 1 and values.shape == shape[-1:] == (count,)):  # of probes or of frequencies?
+                return values.broadcast_to(candidate).reshape(plane.probes, -1)
     raise ValueError(
         f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape {shape} (and {count} "
-        "frequencies)"
+        "frequencies): give (probes, 1) or (1, frequencies)"
     )
 
 
@@ -207,12 +184,8 @@ def fold(
 ) -> Averages:
     """Averages of the admittances of columns: probes or, of averaging ``velocity``, cells.
 
-    Args:
-        lengths: weights of the blocks, (S,).
-        reflection: R of some columns, from all blocks and without each of them, (B, n, F).
-        held, wall: see ``Averages``.
-        level: of the intervals, 0 to 1, or None.
-        threads: whether several may work at once.
+    ``reflection`` is R of some columns, from all blocks, of weights ``lengths``, (S,), and without each, (B, n, F);
+    ``level`` of the intervals, 0 to 1, or None; several ``threads`` may work at once.
     """
     cells, device, (columns, frequencies) = known.membership, lengths.device, held.shape
     of_cells, level = averaging == "velocity", level if len(lengths) >= FEWEST_BLOCKS else None

@@ -2,13 +2,13 @@
 
 import contextlib
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import make_plain, require_choice, require_positive
-from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES, did_you_mean
+from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES
 
 NAMED = {"averaging": AVERAGINGS, "phase": PHASES, "drive": DRIVES, "mean": MEANS, "missing": MISSING}
 RANGES = {
@@ -73,18 +73,6 @@ class Choices:
     device: str | torch.device | None = None
     dtype: str | torch.dtype | None = None
 
-    def __new__(cls, *_: Any, **choices: Any) -> Self:
-        """Names are checked first, so that a misspelt one is reported with the one that was meant.
-
-        Raises:
-            TypeError: a name that is no choice.
-        """
-        known = [*cls.__dataclass_fields__, "frequency", "reference_phase", "pressure", "progress"]
-        for name in choices:
-            if name not in cls.__dataclass_fields__:
-                raise TypeError(f"no option is called {name!r}{did_you_mean(name, known)}")
-        return super().__new__(cls)
-
     def __post_init__(self) -> None:
         make_plain(self)
         for name, known in NAMED.items():
@@ -108,12 +96,8 @@ class Choices:
         return 1 / float(frequency.min())
 
     def working(self, velocity: Any) -> tuple[torch.device, torch.dtype]:
-        """Device and precision that were asked for, else those of the data; the CPU for data in a file.
-
-        Raises:
-            ValueError: a device that does not exist here; neither float32 nor float64.
-        """
-        found, wanted = None, velocity.dtype if self.dtype is None else self.dtype
+        """Device and precision that were asked for, else those of the data; the CPU for data in a file."""
+        found, wanted = None, str(velocity.dtype if self.dtype is None else self.dtype).removeprefix("torch.")
         with contextlib.suppress(RuntimeError, TypeError):
             found = torch.device(getattr(velocity, "device", "cpu") if self.device is None else self.device)
         if found is None or found.type not in ("cpu", "cuda", "meta"):
@@ -123,10 +107,7 @@ class Choices:
                 f"device {str(found)!r} is asked for, and torch {torch.__version__} sees {torch.cuda.device_count()} "
                 "CUDA devices; use device='cpu', or install a CUDA build of torch"
             )
-        name = str(wanted).removeprefix("torch.")
-        if name not in DTYPES and isinstance(wanted, torch.dtype):
-            raise ValueError(f"dtype is {wanted}; float32 or float64")
-        return found, getattr(torch, require_choice("dtype", name, DTYPES))
+        return found, getattr(torch, require_choice("dtype", wanted, DTYPES))
 
     def describe(self) -> dict[str, Any]:
         """Plain values for a file."""

@@ -28,7 +28,6 @@ from torchliner.velocity.choices import TOLERANCES, Choices
 from torchliner.velocity.workers import Reduce
 
 Progress = Callable[[int], object]
-Found = dict[str, Tensor]  # what the jobs of a reading gave, by name
 SURVEY, CELLS = "survey", "square of cells"
 MOST_OF_LINES = 1 << 28  # bytes of the lines of v at all frequencies asked for; beyond, those of the tone alone
 MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer blocks
@@ -36,22 +35,13 @@ MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Reading(Layout):
-    """What is asked of a record, and all that follows from it without a look at the data.
-
-    Args:
-        chosen: all choices.
-        frequency: asked for, Hz, (F,), on the host.
-        blocks: of the record.
-        harmonics: H, of the tone of the data.
-        lines: Hz, the harmonics and then other frequencies asked for, (L,), on the host.
-        device, dtype: of the work.
-    """
+    """What is asked of a record, and all that follows from it without a look at the data."""
 
     chosen: Choices
-    frequency: Tensor
+    frequency: Tensor  # asked for, Hz, (F,), on the host
     blocks: Blocks
-    harmonics: int
-    lines: Tensor
+    harmonics: int  # H, of the tone of the data
+    lines: Tensor  # Hz, the harmonics and then other frequencies asked for, (L,), on the host
     device: torch.device
     dtype: torch.dtype
 
@@ -74,17 +64,17 @@ class Reading(Layout):
             jobs[SURVEY] = Job(Drive(), survey_sums, self.lines.to(self.device), largest=1)
             if self.onto is None:  # of a record that is kept, or of drive ``rms``
                 jobs[CELLS] = Job(Drive(cells), square)
-        if seen is None and not removed:
+        if (nodes := self.nodes) is None:
+            return jobs
+        if (seen is None) != removed:
             drives = {"admittance": Drive(), "velocity": Drive(cells)}
-        elif seen is not None and removed:
-            drives = {"admittance": Drive().less(seen.mean), "velocity": Drive(cells).less(cells.mean(seen.mean))}
+        if seen is not None and removed:
+            means = {"admittance": seen.mean, "velocity": cells.mean(seen.mean)}
+            drives = {name: each.less(means[name]) for name, each in drives.items()}
         if seen is not None and locked is not None:
             drives["phase-locked"] = locked.less(survey_of_locked(locked, seen).mean) if removed else locked
-        if self.nodes is None:
-            return jobs
-        measure, onto = self.nodes.sums, self.onto
-        own = measure if onto is None else (lambda weights, columns: onto @ measure(weights, columns))
-        window, reach = self.chosen.running_window, 0
+        onto, window, reach = self.onto, self.chosen.running_window, 0
+        own = nodes.sums if onto is None else (lambda weights, columns: onto @ nodes.sums(weights, columns))
         lines = self.turns.to(self.device) if len(self.turns) else None
         if window is not None:
             steps, samples = max(1, round(window * self.plane.sampling_rate)), self.plane.samples
@@ -92,12 +82,12 @@ class Reading(Layout):
             reach = steps // 2 + 1
         return jobs | {name: Job(drive, own, lines, reach) for name, drive in drives.items()}
 
-    def run(self, jobs: dict[str, Job], run: Reduce = reduce, progress: Progress | None = None) -> Found:
-        """One reading; ``run`` is the loop, of ``velocity.workers`` where others do it."""
+    def run(self, jobs: dict[str, Job], run: Reduce = reduce, progress: Progress | None = None) -> dict[str, Tensor]:
+        """One reading: what its jobs give, by name; ``run`` is the loop, of ``velocity.workers`` where others do it."""
         found = run(self.record(progress), self.blocks, list(jobs.values()), None) if jobs else []
         return dict(zip(jobs, found, strict=True))
 
-    def moments(self, seen: Survey, locked: Drive | None, found: Found) -> Moments:
+    def moments(self, seen: Survey, locked: Drive | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
         stated = self.chosen.describe()
         layout = {each.name: getattr(self, each.name) for each in dataclasses.fields(Layout)}
@@ -134,9 +124,6 @@ def reading_of(
         nodes: default those that suit the liners.
         projected: for the first liner at these frequencies (Hz) alone.
         summed: False for a survey alone.
-    Raises:
-        TypeError: no plane.
-        ValueError: the velocity carries derivatives; too short a record.
     """
     if not isinstance(plane, VelocityPlane):
         raise TypeError(f"plane is {type(plane).__name__}; make a VelocityPlane of your data first")
@@ -149,8 +136,7 @@ def reading_of(
     first, asked = liners[0] if liners else None, plane.asked(frequency)
     device, dtype = chosen.working(plane.velocity)
     pitch, rate, probes = cell_pitch if first is None else first.cell_pitch, plane.sampling_rate, plane.probes
-    chosen = settled(plane, chosen, asked, first, pitch)
-    onto = None
+    chosen, onto = settled(plane, chosen, asked, first, pitch), None
     if not summed or chosen.drive == "rms":
         nodes = None
     elif nodes is None:
@@ -160,8 +146,7 @@ def reading_of(
         if not is_differentiated(known):  # which the loop over the data would lose
             onto = torch.cat([known.real, known.imag]).to(device)
 
-    alone = float(asked[0]) if len(asked) == 1 else None
-    lines, harmonics = lines_of(plane.frequency or alone, rate, asked)
+    lines, harmonics = lines_of(plane.frequency or (float(asked[0]) if len(asked) == 1 else None), rate, asked)
     coherent = chosen.wall_filter is not None or chosen.phase == "self-consistent"  # needs all lines
     if 8 * MOST_BLOCKS * (1 + 2 * len(lines)) * probes > MOST_OF_LINES and not coherent:
         lines = lines[:harmonics]
@@ -198,11 +183,7 @@ def settled(
     plane: VelocityPlane, chosen: Choices, frequency: Tensor, liner: LinerModel | None, pitch: float | None
 ) -> Choices:
     """Choices with what follows from a plane, from frequencies in Hz, (F,), and from a liner in cells of ``pitch``, m:
-    the window of a running rms and the background, measured.
-
-    Raises:
-        ValueError: fewer than four periods of a frequency, unless ``allow_short``; as ``background_of``.
-    """
+    the window of a running rms and the background, measured."""
     lowest = float(frequency.min())
     periods = lowest * plane.samples / plane.sampling_rate
     if periods < FEWEST_PERIODS * (1 - 1e-6) and not chosen.allow_short:
@@ -210,11 +191,10 @@ def settled(
             f"{plane.name} holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}; pass "
             "allow_short=True if that is meant"
         )
-    if chosen.drive == "running-rms":
-        chosen = dataclasses.replace(chosen, running_window=chosen.window(frequency))
-    if chosen.background is None or isinstance(chosen.background, Background):
-        return chosen
-    return dataclasses.replace(chosen, background=background_of(plane, chosen.background, liner, pitch))
+    quiet = chosen.background
+    if quiet is not None and not isinstance(quiet, Background):
+        quiet = background_of(plane, quiet, liner, pitch)
+    return dataclasses.replace(chosen, running_window=chosen.window(frequency), background=quiet)
 
 
 def take_moments(
@@ -223,12 +203,7 @@ def take_moments(
     """Read a plane once, and once more where an averaging needs to know the whole record first.
 
     ``run`` is the loop, of ``velocity.workers`` where others do it; ``progress`` is told numbers of samples read;
-    ``reviewed``: with what is to be said of the data, for which sums are brought to the host.
-
-    Raises:
-        ValueError: nan or inf, also of every probe with ``missing`` ``exclude``; |v| beyond the speed of sound, or
-            beyond a table.
-        OSError: the file was changed meanwhile.
+    ``reviewed``: with what is to be said of the data, for which sums are brought to the host, or raised.
     """
     # Of what was imported there are no files, so that a run may add frames.
     plane, cells, locked = reading.plane, reading.membership.count, None

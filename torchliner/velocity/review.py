@@ -46,7 +46,7 @@ def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> I
     if liner.flow_resistance > 0:
         text = (
             f"the law of liner {liner.describe().get('name', '')!r} adds {liner.flow_resistance:.3g} rho c for grazing "
-            f"flow, but |v| of {name} holds the turbulence already (Roncen et al. 2026, section 2.4): set its mach to 0"
+            f"flow, but |v| of {name} holds the turbulence already, so flow would count twice: set its mach to 0"
         )
         yield Note("flow-counted-twice", text, liner.flow_resistance)
     if liner.lacks_mach and plane.mach is None:

@@ -14,7 +14,6 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from itertools import islice
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -31,7 +30,6 @@ from torchliner.names import __version__
 
 SHARE = 1 << 27  # velocities that a task reads: about a second of work, and 0.5 GB in float32
 WAIT = 30.0  # s, for the scheduler and the first worker
-MOST_AHEAD = 16  # tasks that are under way, at least, so that a cluster that adapts sees work for so many workers
 # What dask does to its workers makes small tensor operations 15 times dearer; stated where they are started, as they
 # take it over before anything of theirs runs.
 MALLOC = {"MALLOC_TRIM_THRESHOLD_": 1 << 30, "MALLOC_MMAP_THRESHOLD_": 1 << 30}
@@ -45,10 +43,6 @@ def reduce_on(client: Any = None, kept: Path | None = None) -> Reduce:
     Args:
         client: of dask.distributed; a worker that is lost is replaced by another. None: here, one share after another.
         kept: folder of this record alone, for finished shares: what is there is not read again.
-    Raises:
-        ValueError: the plane is in memory.
-        OSError, ImportError: a worker cannot read, and it says which path; the disk is full; no worker comes.
-        RuntimeError: workers of another version, or workers that end one after another.
     """
 
     def run(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
@@ -63,7 +57,8 @@ def reduce_on(client: Any = None, kept: Path | None = None) -> Reduce:
         shares = [taken[len(taken) * i // count : len(taken) * (i + 1) // count] for i in range(count)]
         sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
         about = (plane.name, tuple(plane.velocity.shape), plane.sampling_rate, record.dtype, record.excluded, *sent[1:])
-        paths = [None if kept is None else kept / f"{_hash((about, share))}.npz" for share in shares]
+        names = (repr((__version__, _said((about, share)))).encode() for share in shares)
+        paths = [None if kept is None else kept / f"{hashlib.sha256(name).hexdigest()[:32]}.npz" for name in names]
         known = [None if path is None else _load(path) for path in paths]
         left = [share for share, rows in zip(shares, known, strict=True) if rows is None]
         read = iter(map(functools.partial(_rows, sent), left)) if client is None else _on_workers(client, sent, left)
@@ -71,7 +66,9 @@ def reduce_on(client: Any = None, kept: Path | None = None) -> Reduce:
         for share, path, rows in zip(shares, paths, known, strict=True):
             found.append(next(read) if rows is None else rows)
             if rows is None and path is not None:
-                _save(path, found[-1])
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with written_whole(path) as temporary, temporary.open("wb") as file:
+                    np.savez(file, *found[-1])
             if progress is not None:
                 progress(blocks.borders[share[-1] + 1] - blocks.borders[share[0]])
         return [torch.cat([*map(torch.from_numpy, each)]).to(record.device) for each in zip(*found, strict=True)]
@@ -92,16 +89,6 @@ def _load(path: Path) -> Rows | None:
     return None
 
 
-def _save(path: Path, rows: Rows) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, *rows)
-
-
-def _hash(asked: Any) -> str:
-    return hashlib.sha256(repr((__version__, _said(asked))).encode()).hexdigest()[:32]
-
-
 def _said(value: Any) -> Any:
     """All that a value is made of, in plain words: dataclasses, lists, tensors, functions with what they hold."""
     if isinstance(value, Tensor):
@@ -118,39 +105,25 @@ def _said(value: Any) -> Any:
     return getattr(value, "__qualname__", repr(value))
 
 
-def _on_workers(client: Any, sent: tuple[Any, ...], shares: Iterable[Sequence[int]]) -> Iterator[Rows]:
-    """The rows of each share, in their order, with some under way ahead of it; ``sent`` travels once."""
-    held = client.submit(_same, sent, pure=False)  # a task: made again where the worker that held it is lost
-    left, waiting = iter(shares), deque[Any]()
+def _on_workers(client: Any, sent: tuple[Any, ...], shares: Sequence[Sequence[int]]) -> Iterator[Rows]:
+    """The rows of each share, in their order; ``sent`` travels once."""
+    # A task: made again where the worker that held it is lost.
+    held = client.submit(lambda value: value, sent, pure=False)
+    waiting = deque(client.submit(on_worker, __version__, held, share, pure=False) for share in shares)
+    seconds, where = importlib.import_module("dask").config.get("torchliner.wait", WAIT), client.scheduler.address
     try:
-        while True:
-            threads = sum(client.nthreads().values())
-            for share in islice(left, max(MOST_AHEAD, 2 * threads) - len(waiting)):
-                waiting.append(client.submit(on_worker, __version__, held, share, pure=False))
-            if not waiting:
-                return
-            seconds = importlib.import_module("dask").config.get("torchliner.wait", WAIT)
-            if not threads:  # the work waits already, so that a cluster that adapts starts its first worker
-                where = client.scheduler.address
-                try:
-                    client.wait_for_workers(1, timeout=seconds)
-                except TimeoutError as error:
-                    text = f"start some (dask worker {where} --nthreads 1), or wait longer (--wait)"
-                    raise OSError(f"the scheduler at {where} has no worker within {seconds:g} s; {text}") from error
-            try:
+        while waiting:
+            if not client.nthreads():  # the work waits, so that a cluster that adapts starts its first worker
+                client.wait_for_workers(1, timeout=seconds)
+            with suppress(TimeoutError):  # long work; or who does it is lost, which the next round finds
                 rows = waiting[0].result(timeout=seconds)
-            except TimeoutError:
-                if waiting[0].status == "error":
-                    raise  # the task's own
-                continue  # long work; or all workers are lost, or the scheduler, which the next round finds
-            yield rows
-            waiting.popleft()  # the worker may forget it
+                waiting.popleft()  # the worker may forget it
+                yield rows
+    except TimeoutError as error:
+        text = f"start some (dask worker {where} --nthreads 1), or wait longer (--wait)"
+        raise OSError(f"the scheduler at {where} has no worker within {seconds:g} s; {text}") from error
     except Exception as error:
-        name = type(error).__name__
-        if name == "KilledWorker":
-            text = "workers ended one after another on the same task"
-            raise RuntimeError(f"{text}: {error}; give them more memory, or read their logs") from error
-        if client.status != "running" or name in ("FutureCancelledError", "CommClosedError"):
+        if client.status != "running" or type(error).__name__ in ("FutureCancelledError", "CommClosedError"):
             text = "the scheduler of dask is gone; start it again and repeat the command: a campaign keeps what it has"
             raise OSError(text) from error
         raise
@@ -159,16 +132,8 @@ def _on_workers(client: Any, sent: tuple[Any, ...], shares: Iterable[Sequence[in
             client.cancel([held, *waiting])
 
 
-def _same(value: Any) -> Any:
-    return value
-
-
 def on_worker(version: str, sent: tuple[Any, ...], share: Sequence[int]) -> Rows:
-    """A share on a worker: in one thread, in silence; what it cannot read is said with its name.
-
-    Raises:
-        RuntimeError: it has another version of this package.
-    """
+    """A share on a worker: in one thread, in silence; what it cannot read is said with its name."""
     place = f"worker on {socket.gethostname()} (folder {os.getcwd()})"
     if version != __version__:
         raise RuntimeError(f"{place} has torchliner {__version__}, and {version} asks; install the same")
@@ -189,10 +154,6 @@ def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
         where: ``local:N``, N processes of one thread on this machine; ``tcp://HOST:PORT`` (or tls://) of a scheduler;
             or its file, .json.
         wait: s, for the scheduler and, once there is work for it, for the first worker; default 30.
-    Raises:
-        ImportError: dask.distributed is not there.
-        ValueError: none of these.
-        OSError: no scheduler answers.
     """
     if where is None:
         yield None
@@ -222,8 +183,5 @@ def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
         try:
             client = distributed.Client(**address, timeout=f"{wait}s")
         except (OSError, TimeoutError, ValueError, KeyError) as error:
-            raise OSError(
-                f"no scheduler of dask answers at {where} within {wait:g} s ({error}); is it running, and can this "
-                "machine reach it?"
-            ) from error
+            raise OSError(f"no scheduler of dask answers at {where} within {wait:g} s ({error})") from error
         yield stack.enter_context(client)
