@@ -182,22 +182,6 @@ def test_every_preset_up_to_160_db(name, kernel):
         assert float((step_in_time(sent, kernels).square().sum(1) / sent.square().sum(1)).max()) < 1
 
 
-def test_a_recording_is_a_wave_whose_band_is_not_known(slit):
-    """Its offset moves no wave."""
-    wave = tl.BandNoise(800, 2500)
-    kept = tl.Recorded(wave.sampled(2000, 20000.0), 20000.0, "noise.wav")
-    wanted = tl.ir_tdibc(slit, 120, wave, frequency=1400, sampling_rate=20000, duration=0.1)
-    found = tl.ir_tdibc(slit, 120, kept, frequency=1400)
-    assert found.choices["duration"] == 0.1
-    assert abs(one(found) - one(wanted)) < 1e-9
-    time = torch.arange(1200, dtype=torch.float64) / 24e3
-    tone, hum = torch.cos(2 * torch.pi * 1400 * time), torch.cos(2 * torch.pi * 100 * time)
-    with pytest.warns(tl.DataWarning, match=r"50 % of the energy .* near 100 Hz, is sent outside"):
-        tl.ir_tdibc(slit, 130, tl.Recorded(tone + hum, 24e3), frequency=1400.0)
-    plain, offset = (tl.ir_tdibc(slit, 130, tl.Recorded(tone + more, 24e3), frequency=1400.0) for more in (0, 3))
-    assert one(offset) == pytest.approx(one(plain), rel=1e-9)
-
-
 @pytest.mark.parametrize(
     ("level", "incident", "options", "message"),
     [
@@ -208,11 +192,7 @@ def test_a_recording_is_a_wave_whose_band_is_not_known(slit):
         (130, 1400.0, {"duration": 0.005}, "the kernel 491; give a longer duration"),
         (130, [1400.0, 1400.1], {"sampling_rate": 50000.0}, "leave sampling_rate out"),
         (130, 1400.0, {"frequency": 900.0}, "900 Hz is not in tones 1400 Hz"),
-        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900}, "is one value throughout"),
-        (130, tl.Recorded(torch.ones(999), 3e4), {}, "states no frequencies; give frequency="),
-        (130, tl.Recorded(torch.ones(9), 3e4), {"frequency": 900}, "has 9 samples .* kernel 301"),
-        (130, tl.Recorded(torch.ones(999), 3e4), {"sampling_rate": 4e4}, "sampled at 30000 Hz"),
-        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900, "duration": 0.02}, "0.0333 s; cut it"),
+        (130, tl.Recorded(torch.ones(999), 3e4), {"frequency": 900}, "states no band"),
     ],
 )
 def test_bad_input(slit, level, incident, options, message):

@@ -16,7 +16,7 @@ from torchliner.engine.tones import transfer_function
 from torchliner.fluid import Fluid
 from torchliner.liners.model import as_liner, impedance_of
 from torchliner.names import STEP_KERNELS
-from torchliner.records.incident import Incident, Recorded, Tones, as_incident
+from torchliner.records.incident import Incident, Tones, as_incident
 from torchliner.velocity.ir_tdibc_wall import fixed_speed, step_in_time
 
 STEPPED: dict[str, dict[str, Any]] = {  # damping: an error of 0.02 and a gain of 2 with the shipped liners
@@ -31,7 +31,6 @@ READ = 8  # frequencies in the band of a wave, unless others are asked for
 SEGMENT = 0.02  # s, of the spectra of what is no tone
 FASTEST = 20.0  # m/s, top of the table; of 164 dB at a wall that lets all through
 LOUDEST = 200.0  # dB; above, a pressure is meant
-UNHEARD = 0.01  # of a wave's energy, that may be sent where the kernel is not the liner
 CARRIES = 1e-10  # of the strongest line's energy
 DRIFTS, UNSTEADY = 1e-3, 5e-2  # drift above which there is a warning, and an error
 KERNEL_PART = 0.02  # of |Z + 1|: what a kernel may change without a warning
@@ -69,11 +68,7 @@ class LevelCurve:
         return impedance_from_reflection(self.reflection)
 
     def warnings(self) -> Iterator[str]:
-        """What is doubtful.
-
-        Raises:
-            ValueError: a level that has no steady state.
-        """
+        """What is doubtful; ValueError for a level that has no steady state."""
         chosen, levels = self.choices, self.level.tolist()
         for level, drift in zip(levels, self.drift.tolist(), strict=True):
             still = f"at {level:g} dB y still changes by {drift:.2g} of its rms from one record to the next"
@@ -111,21 +106,20 @@ def ir_tdibc(
     Args:
         liner: a model; its fluid gives rho c, air at 20 C where it states none.
         level: dB re 20 uPa rms of the whole incident wave, one or several, at most 200.
-        incident: Hz of a tone or of several, or ``Tones``, ``BandNoise``, ``Sweep``, ``Recorded`` (scaled to the level;
-            a recording repeats as the others do, without its mean).
+        incident: Hz of a tone or of several, or ``Tones``, ``BandNoise`` or ``Sweep``, which repeat.
         frequency: Hz, where Z is read; default the tones, or eight in the wave's band.
         kernel: ``least-squares``, causal, fitted on 300-3500 Hz and all that is sent or read; ``causal``, eqs
             (3.1)-(3.3) to the letter, whose dropped taps take up to a third of the resistance.
         sampling_rate: Hz, at least 8 times the highest frequency; default 48 kHz or 16 times it, in whole periods of
             tones.
-        duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04; a recording is sent whole.
+        duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04.
         velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
         after: s, length of the kernel; default 0.01.
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; a rate or record too small; a
             table that does not hold what the kernel needs; no steady state. Levels are named.
     Warns:
-        DataWarning: energy that is sent outside the band; what ``LevelCurve.warnings`` says.
+        DataWarning: what ``LevelCurve.warnings`` says.
     Source: Roncen et al. (2026), section 3.1, for the method it descends from (Roncen & Cardesa 2023; Roncen 2025b),
         where v comes from incident and reflected wave. Departures: the default kernel; (3.3) as in ``build_kernels``.
     """
@@ -133,6 +127,8 @@ def ir_tdibc(
     for value in levels.tolist() or [math.nan]:
         if not -math.inf < value <= LOUDEST:
             raise ValueError(f"level is {value:g} dB re 20 uPa rms; it must be finite and at most {LOUDEST:g} dB")
+    if wave.band is None:
+        raise ValueError(f"{wave.label} states no band, to which the kernels are fitted; send tones, noise or a sweep")
     require_choice("kernel", kernel, STEP_KERNELS)
     require_positive("after (s)", after)
     rate = _rate_of(wave, sampling_rate)
@@ -159,7 +155,6 @@ def ir_tdibc(
     fixed = [fixed_speed(model, f[inside], power[inside] * size**2, grid.maximum) for size in rms]
     cut: dict[str, Any] = {"window": "boxcar"} if isinstance(wave, Tones) else {"segment": min(SEGMENT, n / rate)}
     frozen = impedance_from_reflection(interpolate(kernels.response(read), *grid.locate(speed)))
-    low, high = kernels.band
     curve = LevelCurve(
         level=levels,
         frequency=read,
@@ -175,31 +170,17 @@ def ir_tdibc(
             "kernel": kernel,
             "kernel_error": kernels.error,
             "kernel_gain": kernels.gain,
-            "kernel_band": [low, high],
+            "kernel_band": list(kernels.band),
             "sampling_rate": rate,
             "duration": n / rate,
         },
     )
-    outside = ((f < low * (1 - 1e-6)) | (f > high * (1 + 1e-6))) & (kernel == "least-squares")
-    share, notes = float(power[outside].sum() / power.sum()), list(curve.warnings())
-    if share > UNHEARD:
-        most = float(f[outside][power[outside].argmax()])
-        notes.append(
-            f"{100 * share:.3g} % of the energy of {wave.label}, most of it near {most:.4g} Hz, is sent outside "
-            f"{low:g}-{high:g} Hz, where the kernel is not the liner's response; it moves Z everywhere: filter the wave"
-        )
-    tell(notes)
+    tell(curve.warnings())
     return curve
 
 
 def _rate_of(wave: Incident, stated: float | None) -> float:
     """The sampling rate stated, or one of whole periods, Hz."""
-    if isinstance(wave, Recorded):
-        if stated is not None and abs(stated / wave.sampling_rate - 1) > 1e-6:
-            text = f"sampled at {wave.sampling_rate:g} Hz, sampling_rate is {stated:g} Hz; resample it"
-            raise ValueError(f"{wave.label} is {text}")
-        return wave.sampling_rate
-    assert wave.band is not None
     highest = wave.band[1]
     if stated is None:
         unit = _divisor(wave) if isinstance(wave, Tones) else 1000.0
@@ -225,37 +206,26 @@ def _record_of(wave: Incident, rate: float, duration: float | None, after: float
     if duration is not None:
         require_positive("duration (s)", duration)
     samples, kernel = round((duration or SECONDS) * rate), round(after * rate) + 1
-    if isinstance(wave, Recorded):
-        samples = len(wave.signal)
-        if duration is not None:
-            raise ValueError(f"{wave.label} is sent whole, {samples / rate:.6g} s; cut it, or leave duration out")
     if isinstance(wave, Tones):
         least = round(duration * rate) if duration else max(round(TONE_SECONDS * rate), kernel)
         period = Fraction(rate / _divisor(wave)).limit_denominator(LONGEST).numerator
         samples = period * math.ceil(least / period)
         if samples > LONGEST:
             raise ValueError(f"{wave.label} repeats after {period} samples at {rate:g} Hz; leave sampling_rate out")
-        wave.require_periodic(samples, rate)
     if samples < kernel:
         text = f"the record has {samples} samples ({1e3 * samples / rate:.3g} ms), the kernel {kernel}"
         raise ValueError(f"{wave.label}: {text}; give a longer duration or a smaller after=")
     signal = wave.sampled(samples, rate)
-    signal = signal - signal.mean()  # of a recording an offset: it moves no wave
-    size = signal.square().mean().sqrt()
-    if not size > 0:
-        raise ValueError(f"{wave.label} is one value throughout; there is no wave to scale to a level")
-    return signal / size
+    return signal / signal.square().mean().sqrt()
 
 
 def _read_at(wave: Incident, frequency: Any, rate: float) -> Tensor:
     """Where Z is read, Hz, (F,): by default at the tones, or at eight frequencies within the band."""
-    known, (low, high) = None, wave.band or (0.0, math.inf)
+    known, (low, high) = None, wave.band
     if isinstance(wave, Tones):
         known = wave.frequency[wave.amplitude != 0]
-        frequency = known if frequency is None and len(known) else frequency
+        frequency = known if frequency is None else frequency
     if frequency is None:
-        if wave.band is None:
-            raise ValueError(f"{wave.label} states no frequencies; give frequency=, in Hz")
         frequency = torch.linspace(low, high, READ + 2, dtype=torch.float64)[1:-1]
     read = frequency_tensor(frequency, rate)
     for f in read.tolist():
