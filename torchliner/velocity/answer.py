@@ -89,7 +89,9 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
     for what, lines in needed:
         for f in (f for f in frequency.tolist() if index_of_frequency(lines, f) is None):
             held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
-            raise ValueError(f"{name} with {what} at {held}, and not at {f:g} Hz; choose phase='averaged' without wall_filter, {again}")
+            raise ValueError(
+                f"{name} with {what} at {held}, and not at {f:g} Hz; choose phase='averaged' without wall_filter, {again}"
+            )
 
 
 def map_of(

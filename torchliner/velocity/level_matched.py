@@ -25,10 +25,6 @@ from torchliner.velocity.reading import Reading
 
 RANGE = (0.1, 4.0)  # of the share: beyond, it is not the share of the turbulence that is wrong
 LEAST = 0.5  # dB by a factor e in the incoherent velocity: below, the level does not tell the share
-INSENSITIVE = (
-    f"the level check changes by {{:.2g}} dB by a factor e in the incoherent velocity (limit {LEAST:g}): without "
-    "turbulence, or beside a large reactance, the level does not tell how much of it acts"
-)
 CLOSE = 1e-9  # dB: such a level check is 0
 STEP = 0.02  # in the logarithm of the share, for slopes
 PER_NEPER = 20 / math.log(10)
@@ -41,9 +37,6 @@ def match_level(
 
     ``reading`` is of a plane that still has its samples: each share that is tried reads them again; ``known`` is what
     it gave, ``liner``, ``pressure`` and ``reference_phase`` as of ``educe``.
-
-    Raises:
-        ValueError: averaging is not ``phase-locked``; as ``known_pressure``.
     """
     chosen, frequency, name = reading.chosen, reading.frequency, known.plane.name
     if known.locked is None:
@@ -73,17 +66,15 @@ def match_level(
             return PER_NEPER * float(at(place)[1][0, i].real)
 
         place, end = 0.0, math.log(RANGE[int(gap(0.0) < 0)])
-        if abs(gap(0.0)) > CLOSE:
-            if gap(0.0) * gap(end) > 0:
-                if abs(gap(end) - gap(0.0)) < LEAST:
-                    return INSENSITIVE.format((gap(STEP) - gap(0.0)) / STEP)
-                still = f"still {gap(end):+.2f} dB with {math.exp(end):g} times the incoherent velocity"
-                wrong = "model, level or phase-locked velocity are wrong, not the share of the turbulence"
-                return f"the level check is {still}: {wrong}"
+        beyond = abs(gap(0.0)) > CLOSE and gap(0.0) * gap(end) > 0
+        if abs(gap(0.0)) > CLOSE and not beyond:
             place = float(brentq(gap, min(end, 0.0), max(end, 0.0), xtol=1e-5))
         rate = (gap(place + STEP) - gap(place)) / STEP  # dB by a factor e
         if rate < LEAST:
-            return INSENSITIVE.format(rate)
+            return f"the level check changes by {rate:.2g} dB by a factor e in the incoherent rms (limit {LEAST:g})"
+        if beyond:
+            still = f"still {gap(end):+.2f} dB with {math.exp(end):g} times the incoherent velocity"
+            return f"the level check is {still}: model, level or phase-locked velocity are wrong"
         share, away = math.exp(place), chosen.level_uncertainty / rate
         (z, ratio), (beside, _) = ([each[:, i] for each in at(where)] for where in (place, place + STEP))
         by, bounds = complex((beside[0] - z[0]) / STEP), [complex(math.nan, math.nan)] * 4
@@ -98,15 +89,14 @@ def match_level(
 
     every = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128)
     for i, f in enumerate(frequency.tolist()):
-        if math.isfinite(abs(complex(pressures.pressure[0, i]))):
+        if bool(torch.isfinite(pressures.pressure[0, i].abs())):
             found = matched(i)
             if isinstance(found, str):
                 notes.append(Note("level-matched", f"{name}: no level-matched answer at {f:g} Hz: {found}"))
             else:
                 every[:, i] = torch.tensor(found, dtype=torch.complex128)
     z, low, high, *rest = every
-    share, least, most, rate = (each.real for each in rest)
-    return LevelMatched(z, low, high, share, least, most, rate, chosen.level_uncertainty), notes
+    return LevelMatched(z, low, high, *(each.real for each in rest), chosen.level_uncertainty), notes
 
 
 def farther(value: complex, bound: complex, more: complex) -> complex:

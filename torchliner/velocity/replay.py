@@ -100,17 +100,13 @@ def replay(
         raise TypeError(f"plane is {type(plane).__name__}; a signal needs each sample: give the VelocityPlane")
     require_choice("averaging", averaging, AVERAGED)
     model, wave = as_liner(liner).in_flow(plane.mach), as_incident(incident, ComplexTones)
-    rate, samples = plane.sampling_rate, plane.samples
-    length = samples
+    rate, samples, length = plane.sampling_rate, plane.samples, plane.samples
     if segment is not None:
         require_positive("segment (s)", segment)
         length = 2 * round(segment * rate / 2)
         if not 2 <= length <= samples:
             raise ValueError(f"segment is {segment:g} s, and the record has {plane.duration:.4g} s; shorten it")
-    how: dict[str, Any] = {
-        "segment": None if segment is None else length,
-        "window": window or (wave.window if segment is None else "hann"),
-    }
+    window = window or (wave.window if segment is None else "hann")
     sent, asked = wave.sampled(samples, rate), _lines_of(wave, frequency, plane, length)
     band = kernel_band(asked, model, rate, wave)
     if reflected is not None and sent.is_complex():
@@ -147,20 +143,19 @@ def replay(
         "band": list(kernels.band),
         "incident": wave.label,
         "edge": wave.edge,
-        "window": how["window"],
+        "window": window,
         "segment": segment,
         "phase": "averaged" if sent.is_complex() else "signal",
         "level_check": "not checked by replay",
     }
     with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
         signal = Replay(reading.record(progress), kernels, wave, drive, store=store)
-        found = transfer(signal, wave, asked, rate, **how)
+        found = transfer(signal, wave, asked, rate, segment=segment and length, window=window)
         behind = samples - samples % (length if segment is None else length // 2)  # the last segment
         if store and behind < samples:
             for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(behind, samples, SLAB)]):
                 pass
     count = facts["blocks"] = len(found.incident)
-    lengths = torch.ones(count, device=reading.device).double()
     # R from all segments and, if there are intervals, without each of them, (B, N, F).
     x, replicated = found.incident[:, None], found.reflection[None]
     if interval is not None and count >= FEWEST_BLOCKS:
@@ -168,7 +163,7 @@ def replay(
         left = replicates(power)[1:].clamp(min=1e-12 * power.sum(0))
         replicated = torch.cat([replicated, replicates(cross)[1:] / left])
     held = torch.ones(plane.probes, len(asked), dtype=torch.bool, device=reading.device)
-    averages = {}
+    lengths, averages = torch.ones(count, device=reading.device).double(), {}
     for name, each in zip(AVERAGED, replicated.split([plane.probes, known.cells.count], 1), strict=True):
 
         def some(columns: slice, own: Tensor = each) -> Tensor:
@@ -176,8 +171,7 @@ def replay(
 
         averages[name] = fold(known, name, lengths, some, held[: each.shape[1]], interval)
     chief = averages[averaging].liner
-    notes = [*review_case(plane, model, asked), *known.notes]
-    notes += _review_replay(kernels, wave, sent, chief)
+    notes = [*review_case(plane, model, asked), *known.notes, *_review_replay(kernels, wave, sent, chief)]
     runs = 0.0 if chief.interval is None else float(chief.interval.runs.min())
     if segment is not None and interval is not None and runs < FEWEST_RUNS:
         text = f"error bars rest on {runs:.2g} independent runs of segments, fewer than {FEWEST_RUNS}, and are rough"
@@ -222,18 +216,16 @@ def _review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, chief: Ed
     low, high = kernels.band
     size = float((1 + chief.impedance.detach()).abs().square().max()) / 2  # of dZ, over that of dR
     if kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN:
-        remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
         text = (
             f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz (limit "
-            f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); {remedy} (in Z "
-            f"up to {kernels.error * size:.2g})"
+            f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); "
         )
-        yield Note("kernel", text, kernels.error * size)
+        remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
+        yield Note("kernel", text + remedy, kernels.error * size)
     if kernels.level_error > LARGEST_ERROR:
         text = (
             f"between {kernels.grid.levels} levels of |v| R is off by up to {kernels.level_error:.2g} (limit "
-            f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic' (in Z up to "
-            f"{kernels.level_error * size:.2g})"
+            f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic'"
         )
         yield Note("levels", text, kernels.level_error * size)
     if wave.band is None:
@@ -242,5 +234,4 @@ def _review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, chief: Ed
         share = float(power[(lines < low) | (lines > high)].sum() / power.sum())
         if share > LARGEST_SHARE:
             text = f"{100 * share:.2g} % of the energy of {wave.label} lies outside {low:g}-{high:g} Hz, the band of"
-            where = "the kernels, where the reflected signal is not the liner's; filter it"
-            yield Note("signal-band", f"{text} {where}")
+            yield Note("signal-band", f"{text} the kernels; filter it")
