@@ -79,7 +79,7 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
             raise ValueError(f"{name} with {key} {made!r}, and {wanted[key]!r} is asked for; {remedy}, {again}")
     if liner.cell_pitch != known.cell_pitch:
         raise ValueError(
-            f"{name} for a cell_pitch of {known.cell_pitch} m, and the liner has {liner.cell_pitch} m; take that liner, {again}"
+            f"{name} for a cell_pitch of {known.cell_pitch} m, and the liner has {liner.cell_pitch} m; {again[3:]}"
         )
     needed = []
     if chosen.phase != "averaged":
@@ -90,7 +90,7 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
         for f in (f for f in frequency.tolist() if index_of_frequency(lines, f) is None):
             held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
             raise ValueError(
-                f"{name} with {what} at {held}, and not at {f:g} Hz; choose phase='averaged' without wall_filter, {again}"
+                f"{name} with {what} at {held}, and not at {f:g} Hz; choose phase='averaged', no wall_filter, {again}"
             )
 
 
