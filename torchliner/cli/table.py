@@ -128,7 +128,7 @@ GROUPS = {
         "educe": row(
             "planes liner tone map figure strict seen educed",
             Option("--in-situ", "pressure record, whose impedance is added to the results", FILE),
-            Option("--wall-pressure", "record or microphones for the level check; default: --in-situ", FILE),
+            Option("--wall-pressure", "pressure record for the level check; default: --in-situ", FILE),
         ),
         "replay": row(
             "plane liner incident map figure strict",

@@ -11,7 +11,6 @@ from torchliner.bursts.stations import Station
 from torchliner.cli import work
 from torchliner.engine.moments import ReducedVelocity
 from torchliner.io.burst_sources import StationSource
-from torchliner.io.microphone_file import read_wall_pressure
 from torchliner.io.result_writers import require_places
 from torchliner.io.whole_file import writable, writable_folder
 from torchliner.pressure.dean import with_in_situ
@@ -21,7 +20,7 @@ from torchliner.records.origin import with_choices
 def educe(options: argparse.Namespace) -> int:
     """Impedance map of one or several velocity planes."""
     pressure = None if options.in_situ is None else tl.read_pressure(options.in_situ)
-    wall = None if options.wall_pressure is None else read_wall_pressure(options.wall_pressure)
+    wall = None if options.wall_pressure is None else tl.read_pressure(options.wall_pressure)
     records = [work.with_facts(each, options.facts) for each in work.read_records(options.planes, options)]
     planes = work.planes_of(records)
     outputs = _outputs(options, planes)

@@ -169,21 +169,16 @@ def build_kernels(
 def kernel_band(
     frequency: Tensor, liner: LinerModel, sampling_rate: float, wave: Incident | None = None
 ) -> tuple[float, float]:
-    """Where kernels are to be the liner, Hz: the rig's band, that of the wave and the frequencies asked for, Hz, (F,).
-
-    Raises:
-        ValueError: the liner or the sampling rate (Hz) does not reach that far.
-    """
-    least, most = frequency.min().item(), frequency.max().item()
-    if wave is not None and wave.band is not None:
-        least, most = min(least, wave.band[0]), max(most, wave.band[1])
+    """Where kernels are to be the liner, Hz: the rig's band, that of the wave and the frequencies asked for, Hz, (F,);
+    ValueError where the liner or the sampling rate (Hz) does not reach that far."""
+    band = () if wave is None or wave.band is None else wave.band
+    least, most = min(frequency.min().item(), *band, math.inf), max(frequency.max().item(), *band, 0.0)
     known = liner.frequency_range or (0.0, math.inf)
     low, high = max(min(BAND[0], least), known[0]), min(max(BAND[1], most), known[1], HIGHEST * sampling_rate)
     if least < low or most > high:
         raise ValueError(
-            f"{'a tone' if wave is None else wave.label} is sent, and R is asked for, from {least:g} to {most:g} Hz; "
-            f"the kernels hold from {low:g} to {high:g} Hz, the range of the liner below 0.49 of the sampling rate: "
-            "narrow the wave"
+            f"R is needed from {least:g} to {most:g} Hz; the kernels hold from {low:g} to {high:g} Hz, the range of "
+            "the liner below 0.49 of the sampling rate: narrow the wave"
         )
     return low, high
 
@@ -205,8 +200,7 @@ def kernel_taps(
     low, high = band[0], min(band[1], HIGHEST * sampling_rate)
     if not 0 < low < high:
         raise ValueError(
-            f"band is {band[0]:g} Hz to {band[1]:g} Hz; it must run upwards from above 0 to at most {HIGHEST:g} of the "
-            f"sampling rate, {sampling_rate:g} Hz"
+            f"band is {band[0]:g} Hz to {band[1]:g} Hz; it must run upwards, to 0.49 of {sampling_rate:g} Hz"
         )
     last = round(after * sampling_rate)
     if kind == "causal":

@@ -105,15 +105,6 @@ def read_microphones(
     return line if frequency is None else line.at(frequency)
 
 
-def read_wall_pressure(path: str | Path) -> MicrophoneLine | PressureRecord:
-    """Microphones along the wall of a duct, or a pressure record: what has no duct is the latter."""
-    if Path(path).suffix.lower() in TEXT_ENDINGS:
-        return read_microphones(path)
-    with open_file(path) as file:
-        along = "duct_height" in file
-    return read_microphones(path) if along else read_pressure(path)
-
-
 def _signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> np.ndarray:
     """A signal in an SI unit, time last, float32 or float64 as in the file."""
     get_field(file, key, path)  # says what is there instead

@@ -13,7 +13,7 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
 from torchliner.velocity.answer import answer, fitting
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.level_matched import match_level
+from torchliner.velocity.level_check import match_level
 from torchliner.velocity.reading import Progress, reading_of, take_moments
 from torchliner.velocity.workers import Reduce, reduce_on
 
@@ -39,8 +39,8 @@ def educe(
         frequency: Hz, one or several; default the plane's own tone.
         reference_phase: psi in rad for ``phase="given"``: x(t) = cos(2 pi f t + psi) with t = 0 at the first sample.
             It is broadcast over the probe axes (add a last axis for several frequencies).
-        pressure: ``PressureRecord`` of the same run, or ``MicrophoneLine`` along the wall, for the level check;
-            default the ``incident_level`` that the plane states.
+        pressure: ``PressureRecord`` of the same run, whose facesheet the level check takes; default the
+            ``incident_level`` that the plane states.
         progress: called with numbers of samples read.
         choices: see ``torchliner.velocity.choices.Choices``.
     Returns:

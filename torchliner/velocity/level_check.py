@@ -9,6 +9,11 @@ are the incident wave and the pressure at the wall; one cell among unlike ones h
 :math:`|p_i| = \rho c |Z V_0 + \langle V_0 \rangle|/2`. At grazing incidence the field above the wall is not known
 beforehand: V stays as measured, the pressure is that at the wall, and V of several cells is averaged after its phase
 was turned back by that wavenumber along x which makes the mean largest.
+
+How much of the incoherent velocity acts where jets pass the plane is not known (docs/background.md). Where the level is
+known it follows: the incoherent velocity is scaled until the level check is 0, which gives the level-matched Z. Each
+block is left out in turn and the share found again to first order, so that the interval holds the scatter of Z and of
+the velocity together; a level that is off by its stated uncertainty moves Z along the same path.
 """
 
 import math
@@ -16,28 +21,36 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
+from scipy.optimize import brentq
 from torch import Tensor
 
-from torchliner.checks import SAME_FREQUENCY, index_of_frequency
+from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl
-from torchliner.engine.intervals import ITSELF, jackknife
+from torchliner.engine.drives import phase_locked
+from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife
 from torchliner.engine.moments import Moments
 from torchliner.engine.tones import segment_amplitudes
 from torchliner.fluid import Fluid
-from torchliner.records import MicrophoneLine, PressureRecord
+from torchliner.liners.model import LinerModel
+from torchliner.records import PressureRecord
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.level_check import UNKNOWN, LevelCheck, level_check_of
+from torchliner.records.level_check import UNKNOWN, LevelCheck, LevelMatched, level_check_of
 from torchliner.records.notes import Note
-from torchliner.velocity.averages import Averages
+from torchliner.velocity.averages import Averages, average
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.reading import Reading
 
 INCIDENT, WALL = "incident", "wall"
 SAME_TIMES = 0.01  # of the duration: beyond, phases belong to different times
 NO_TONE = 1e-9  # of the rms velocity: a tone below it is rounding
 WAVENUMBERS = 241  # tried along x, up to three times that of sound
+RANGE = (0.1, 4.0)  # of the share: beyond, it is not the share of the turbulence that is wrong
+LEAST = 0.5  # dB by a factor e in the incoherent velocity: below, the level does not tell the share
+CLOSE = 1e-9  # dB: such a level check is 0
+STEP = 0.02  # in the logarithm of the share, for slopes
+PER_NEPER = 20 / math.log(10)
 NO_SIDE = (
     "not checked, state source_side: normal makes incident_level that of the incident wave, "
     "upstream or downstream that of the pressure at the wall"
@@ -56,13 +69,12 @@ class KnownPressure:
     words: str  # what it is compared with
     pressure: Tensor  # of the whole plane and of each cell, (1 + C, F)
     has_phase: bool = False  # whether the phase is on the clock of the velocity
-    height: Any = None  # from which the velocity is moved to the wall, m, a number or (1 + C, 1); None: no plane waves
+    height: float | None = None  # from which the velocity is moved to the wall, m; None: no plane waves
 
     def ratio(self, z: Tensor, velocity: Tensor) -> Tensor:
         """Implied over known pressure, (..., 1 + C, F), the whole plane first, or of that alone, (..., 1, F): of
         impedances and of velocities into the liner (m/s) of this shape."""
-        height = 0.0 if self.height is None else self.height
-        angle = 2 * torch.pi * self.frequency / float(self.fluid.sound_speed) * height
+        angle = 2 * torch.pi * self.frequency / float(self.fluid.sound_speed) * (self.height or 0.0)
         at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
         implied = z * at_wall
         if self.kind == INCIDENT:
@@ -136,64 +148,33 @@ def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: flo
 def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> KnownPressure | str:
     """What is known of a plane's sound at frequencies in Hz, (F,), or why nothing is compared.
 
-    ``given``: ``PressureRecord`` of the same run with a facesheet, or ``MicrophoneLine`` along the wall; None: the
-    level that the plane states.
+    ``given``: ``PressureRecord`` of the same run with a facesheet; None: the level that the plane states.
     """
-    plane, height = moments.plane, moments.plane.height or 0.0
-    if isinstance(given, PressureRecord):
+    plane, count = moments.plane, moments.membership.count
+    level, side, tone = plane.incident_level, plane.source_side, plane.frequency
+    if given is not None:
+        if not isinstance(given, PressureRecord) or given.facesheet is None:
+            raise TypeError(f"pressure is {type(given).__name__}; a PressureRecord with a facesheet is needed")
         require_same_run(plane, given)
         return _of_record(moments, frequency, given)
-    if given is None:
-        found = stated_pressure(plane, frequency, plane.frequency)
-        if isinstance(found, str):
-            return found
-        kind, words, pressure = found
-        moved = height if kind == INCIDENT else None
-        every = pressure.expand(1 + moments.membership.count, -1)
-        return KnownPressure(plane.fluid, frequency, kind, words, every, height=moved)
-    if not isinstance(given, MicrophoneLine):
-        raise TypeError(f"pressure is {type(given).__name__}; a PressureRecord or a MicrophoneLine is needed")
-    # The logarithm of the level along the wall, interpolated to the middle of each cell.
-    x = moments.cells.x
-    if not bool(torch.isfinite(x).all()):
-        raise ValueError(f"{plane.name} states no x; {given.name} cannot be put beside it")
-    logarithm = torch.full((len(x), len(frequency)), torch.nan, dtype=torch.float64)
-    for f, hertz in enumerate(frequency.tolist()):
-        if (index := index_of_frequency(given.frequency, hertz)) is not None:
-            level = given.pressure[..., index].abs().log().numpy()
-            places = np.interp(x.numpy(), given.x.numpy(), level, left=np.nan, right=np.nan)
-            logarithm[:, f] = torch.from_numpy(places)
-    if not bool(torch.isfinite(logarithm).any()):
-        return OTHER_TONE
-    levels = torch.cat([logarithm.mean(0, keepdim=True), logarithm]).exp().to(torch.complex128)
-    moved, words = height if plane.source_side == "normal" else None, "microphones along the wall (rho c |Z| |V|)"
-    return KnownPressure(plane.fluid, frequency, WALL, words, levels, height=moved)
-
-
-def stated_pressure(record: Any, frequency: Tensor, tone: float | None) -> tuple[str, str, Tensor] | str:
-    """Kind, words and peak amplitude (Pa, nan off the tone) of a record's ``incident_level``, or why there is none.
-
-    ``tone``: of the level, Hz; None: the frequency itself, if it is one.
-    """
-    level, side = record.incident_level, record.source_side
     if side == "none" or level is None or side == "unknown":
         return NO_SOUND if side == "none" else UNKNOWN if level is None else NO_SIDE
-    tone = tone or (float(frequency[0]) if len(frequency) == 1 else math.nan)
-    same = (frequency / tone - 1).abs() < SAME_FREQUENCY
+    same = (frequency / (tone or (float(frequency[0]) if len(frequency) == 1 else math.nan)) - 1).abs() < SAME_FREQUENCY
     if not bool(same.any()):
         return OTHER_TONE
     pressure = torch.where(same, pressure_amplitude_from_spl(float(level)), torch.nan).to(torch.complex128)
+    every = pressure.expand(1 + count, -1)
     if side == "normal":
         words = f"the stated {level:.4g} dB of the incident wave (normal incidence, rho c |Z + 1| |V|/2)"
-        return INCIDENT, words, pressure
-    return WALL, f"the stated {level:.4g} dB at the wall (grazing incidence, rho c |Z| |V|)", pressure
+        return KnownPressure(plane.fluid, frequency, INCIDENT, words, every, height=plane.height or 0.0)
+    words = f"the stated {level:.4g} dB at the wall (grazing incidence, rho c |Z| |V|)"
+    return KnownPressure(plane.fluid, frequency, WALL, words, every)
 
 
 def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> KnownPressure:
     """The pressure of the facesheet."""
     plane, cells = moments.plane, moments.cells
-    if record.facesheet is None:
-        raise ValueError(f"{record.name} holds no pressure of the facesheet, which a level check needs")
+    assert record.facesheet is not None
     after = plane.start - record.start
     same_times = abs(record.duration / plane.duration - 1) < SAME_TIMES and abs(after) < plane.duration
     # A phasor of the record becomes one of the plane.
@@ -209,3 +190,78 @@ def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> K
     peaks = torch.cat([peak[:1], peak[1:].expand(cells.count, -1)])
     moved = plane.height or 0.0 if plane.source_side == "normal" else None
     return KnownPressure(plane.fluid, frequency, WALL, words, peaks, same_times, moved)
+
+
+def match_level(
+    reading: Reading, known: Moments, liner: LinerModel, pressure: object = None, reference_phase: object = None
+) -> tuple[LevelMatched | None, list[Note]]:
+    """Z at each frequency at which a pressure is known, and why there is none.
+
+    ``reading`` is of a plane that still has its samples: each share that is tried reads them again; ``known`` is what
+    it gave, ``liner``, ``pressure`` and ``reference_phase`` as of ``educe``.
+    """
+    chosen, frequency, name = reading.chosen, reading.frequency, known.plane.name
+    if known.locked is None:
+        raise ValueError("level_matched scales what phase-locked averaging leaves; choose averaging='phase-locked'")
+    pressures = known_pressure(known, frequency, pressure)
+    if isinstance(pressures, str):
+        return None, [Note("level-matched", f"{name}: no level-matched answer: {pressures}")]
+    scale = torch.ones_like(known.survey.mean) if known.locked.scale is None else known.locked.scale
+    seen, ratio = dict[float, tuple[Tensor, Tensor]](), ratio_of_pressures(known, pressures, every=True)
+    lengths, notes = known.survey.lengths.cpu(), []
+
+    def at(place: float) -> tuple[Tensor, Tensor]:
+        """Z of the liner and level check, nepers, of all blocks and without each, (B, F), by the share's logarithm."""
+        if place not in seen:
+            drive = phase_locked(known.survey, known.membership, math.exp(place) * scale)
+            moments = known if place == 0 else reading.with_drive(known, drive)
+            found = average(moments, liner, frequency, chosen, "phase-locked", reference_phase)
+            z = impedance_from_reflection(found.replicates[:, 0].detach()).cpu()
+            seen[place] = z, ratio(z).log()
+        return seen[place]
+
+    def matched(i: int) -> list[complex] | str:
+        """The fields of the record at one frequency, or why there are none."""
+
+        def gap(place: float) -> float:
+            """dB."""
+            return PER_NEPER * float(at(place)[1][0, i].real)
+
+        place, end = 0.0, math.log(RANGE[int(gap(0.0) < 0)])
+        beyond = abs(gap(0.0)) > CLOSE and gap(0.0) * gap(end) > 0
+        if abs(gap(0.0)) > CLOSE and not beyond:
+            place = float(brentq(gap, min(end, 0.0), max(end, 0.0), xtol=1e-5))
+        rate = (gap(place + STEP) - gap(place)) / STEP  # dB by a factor e
+        if rate < LEAST:
+            return f"the level check changes by {rate:.2g} dB by a factor e in the incoherent rms (limit {LEAST:g})"
+        if beyond:
+            still = f"still {gap(end):+.2f} dB with {math.exp(end):g} times the incoherent velocity"
+            return f"the level check is {still}: model, level or phase-locked velocity are wrong"
+        share, away = math.exp(place), chosen.level_uncertainty / rate
+        (z, ratio), (beside, _) = ([each[:, i] for each in at(where)] for where in (place, place + STEP))
+        by, bounds = complex((beside[0] - z[0]) / STEP), [complex(math.nan, math.nan)] * 4
+        if chosen.interval is not None and len(lengths) >= FEWEST_BLOCKS:
+            moved = -(ratio - ratio[:1]).real * PER_NEPER / rate  # the logarithm of each replicate's own share
+            values = torch.stack([z + by * moved, moved.to(z)], 1)
+            interval = jackknife(values, lengths / lengths.sum(), chosen.interval, ITSELF)
+            for k, (value, more) in enumerate(((complex(z[0]), by * away), (0j, complex(away)))):
+                bounds[2 * k : 2 * k + 2] = (farther(value, each, more) for each in interval.bounds(k))
+        low, high = (share * math.exp(each.real) for each in bounds[2:])
+        return [complex(z[0]), *bounds[:2], share, low, high, rate]
+
+    every = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128)
+    for i, f in enumerate(frequency.tolist()):
+        if bool(torch.isfinite(pressures.pressure[0, i].abs())):
+            found = matched(i)
+            if isinstance(found, str):
+                notes.append(Note("level-matched", f"{name}: no level-matched answer at {f:g} Hz: {found}"))
+            else:
+                every[:, i] = torch.tensor(found, dtype=torch.complex128)
+    (z, low, high), (share, least, most, rate) = every[:3], every[3:].real
+    return LevelMatched(z, low, high, share, least, most, rate, chosen.level_uncertainty), notes
+
+
+def farther(value: complex, bound: complex, more: complex) -> complex:
+    """A bound moved out by another error, R and X apart: the root of the sum of squares."""
+    pairs = zip((value.real, value.imag), (bound.real, bound.imag), (more.real, more.imag), strict=True)
+    return complex(*(own + math.copysign(math.hypot(end - own, away), end - own) for own, end, away in pairs))

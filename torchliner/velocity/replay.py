@@ -150,7 +150,7 @@ def replay(
     }
     with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
         signal = Replay(reading.record(progress), kernels, wave, drive, store=store)
-        found = transfer(signal, wave, asked, rate, segment=segment and length, window=window)
+        found = transfer(signal, wave, asked, rate, segment=None if segment is None else length, window=window)
         behind = samples - samples % (length if segment is None else length // 2)  # the last segment
         if store and behind < samples:
             for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(behind, samples, SLAB)]):

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import Drive, incoherent_square, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Levels, interpolation_error
@@ -88,13 +89,8 @@ def review_reading(
 
 
 def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator[Note]:
-    """Probes that were left out, dead or constant, and cells that lost probes or are gone; ``plane`` has its samples,
-    if it has any, and ``cells`` is how many there were.
-
-    Raises:
-        ValueError: data of which no sum means anything: nan or inf; |v| beyond the speed of sound, or beyond a table;
-            nearly all of v is its mean, as of a velocity along the flow, and that is not taken off.
-    """
+    """Probes that were left out, dead or constant, and cells, of which there were so many, that lost probes or are
+    gone. Data of which no sum means anything are refused."""
     used, seen, name = known.used, known.survey, plane.name
     mean, square, rms = seen.mean.cpu(), seen.mean_square.cpu(), seen.rms.cpu()
     if bool((faulty := ~torch.isfinite(square)).any()):
@@ -113,8 +109,8 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
         yield Note("excluded-probes", f"{name}: {excluded} of {plane.probes} probes hold nan or inf; excluded")
     flat = (square - mean**2 <= 1e-12 * square) & used
     if bool(flat.any()) and (not bool(flat[used].all()) or not bool(square[used].any())):
-        text = f"constant, the first at index {int(flat.nonzero()[0])}; dead sensors look like this"
-        yield Note("constant-probes", f"{name}: {int(flat.sum())} of {plane.probes} probes are {text}")
+        text = f"{int(flat.sum())} of {plane.probes} probes are constant, the first at index {int(flat.nonzero()[0])}"
+        yield Note("constant-probes", f"{name}: {text}")
     # Those that do not fluctuate count as 0.
     ratio = torch.where(rms <= 1e-6 * mean.abs(), 0, mean.abs() / rms.clamp(min=1e-300))[used].median()
     if ratio > DOUBTFUL_MEAN and known.settings["mean"] == "kept":
@@ -126,8 +122,8 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
     gone, weight = cells - known.membership.count, known.cells.weight
     if gone or weight is not None:
         least = 1.0 if weight is None else float(weight.min())
-        text = f"{gone} of {cells} cells hold no probe that is left and count in no average; others weigh the "
-        yield Note("lost-cells", f"{name}: {text}share of their probes that they have, the least {least:.2g}")
+        text = f"{gone} of {cells} cells hold no probe that is left; others weigh what they have, at least {least:.2g}"
+        yield Note("lost-cells", f"{name}: {text}")
 
 
 def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
@@ -140,11 +136,7 @@ def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
 
 
 def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
-    """Refuse |v| where the table of these moments, if they are of one, ends, so that their sums are nan.
-
-    Raises:
-        ValueError: beyond its table.
-    """
+    """Refuse |v| where the table of these moments, if they are of one, ends, so that their sums are nan."""
     if not isinstance(known.nodes, Levels):
         return
     for averaging in (name for name in known.sums if name in AVERAGINGS):
@@ -165,11 +157,7 @@ def _place(plane: VelocityPlane, probe: int) -> tuple[int, ...]:
 
 
 def review_table(known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor) -> tuple[float, list[Note]]:
-    """Model-table error in R, up to the largest |v| of the data, and what to say of it; ``z``: of the liner, (F,).
-
-    Raises:
-        ValueError: it is too large for any digit that is printed.
-    """
+    """Model-table error in R, up to the largest |v| of the data, and what to say of it; ``z``: of the liner, (F,)."""
     if known.nodes is None:
         return 0.0, []
     error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
@@ -194,9 +182,6 @@ def review_sound(
 
     A record without the tone that is stated, or without any of those asked for, where none is; strong sound in weak
     flow without a background; frequencies at which |v| is set by another tone.
-
-    Raises:
-        ValueError: there is no tone, and the phase is to be found from it.
     """
     plane, seen, cells, count = known.plane, known.survey, known.membership, known.survey.blocks.count
     name, porosity, notes, facts = plane.name, liner.surface_porosity, list[Note](), dict[str, Any]()
@@ -228,7 +213,8 @@ def review_sound(
             notes.append(Note("velocity-ratio", text))
     if chosen.averaging != "phase-locked" or plane.frequency is None or not seen.harmonics:
         return notes, facts
-    facts["tone_share"] = share = tone_share(known)
+    assert known.locked is not None
+    facts["tone_share"] = share = tone_share(known, known.locked)
     other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
     if share > TONAL and known.settings["drive"] == "instantaneous" and bool(other.any()):
         text = (
@@ -239,19 +225,12 @@ def review_sound(
     return notes, facts
 
 
-def tone_share(known: Moments) -> float:
+def tone_share(known: Moments, locked: Drive) -> float:
     """Share of the variance of v* that is periodic with the tone, mean over the cells."""
-    locked, seen, cells = known.locked, known.survey, known.membership
-    assert locked is not None
-    rows, samples = seen.rows, seen.lengths.sum()
-    gram, sums = seen.gram.sum(0)[rows][:, rows], seen.sums.sum(0)[rows]
-    fit, gram = torch.linalg.pinv(gram, hermitian=True, rtol=1e-9).to(sums) @ sums, gram.to(sums)
-    of_cells = cells.mean(fit)
-    periodic = ((of_cells * (gram @ of_cells)).sum(0) / samples - of_cells[0] ** 2).clamp(min=0).mean()
-    left = (seen.mean_square - (fit * sums).sum(0) / samples).clamp(min=0)
-    left = cells.mean(left if locked.scale is None else left * locked.scale**2)
-    rest = (left * cells.sizes).sum() / cells.sizes.sum()
-    return float(periodic / (periodic + rest).clamp(min=1e-300))
+    seen, cells = known.survey, known.membership
+    rest = incoherent_square(seen, cells) * (1.0 if locked.scale is None else locked.scale**2)
+    star, inside = survey_of_locked(locked, seen).rms.square(), cells.labels < cells.count
+    return 1 - float((rest * inside).sum() / (star * inside).sum().clamp(min=1e-300))
 
 
 def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
@@ -264,16 +243,13 @@ def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
 
 def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Tensor, chosen: Choices) -> Iterator[Note]:
     """Probes that count as wall, values that fell back, fewer than eight runs, a large bias of a mean of admittances.
-
-    ``paper``: averaging ``admittance``, whose probes are judged; ``chief``: of the liner, by the answer's averaging.
-    """
+    ``paper``: averaging ``admittance``, whose probes are judged; ``chief``: of the liner, by the answer's averaging."""
     name, total, blocks, limit = known.plane.name, int(known.used.sum()), known.survey.blocks, chosen.wall_filter or 0.0
     walls = [] if paper.wall is None else paper.wall.sum(0).tolist()
     for f, found in zip(frequency.tolist(), walls, strict=bool(walls)):
         text = (
-            f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {name} have a squared coherence "
-            f"below {limit:g} with {f:g} Hz and count as wall, admittance 0, in averages over probes; without any tone "
-            f"{100 * (1 - limit) ** (blocks.count - 1):.2g} % of probes would pass it, with {blocks.count} blocks"
+            f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {name} are wall at {f:g} Hz; "
+            f"without any tone {100 * (1 - limit) ** (blocks.count - 1):.2g} % would pass it"
         )
         yield Note("wall-filter", text)
     if chosen.phase == "self-consistent":
@@ -284,10 +260,8 @@ def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Ten
     if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
         wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
-        text = (
-            f"{name}: the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are "
-            f"rough, and about {wanted} periods instead of {blocks.periods} would give {FEWEST_RUNS}"
-        )
+        text = f"{name}: the error bars rest on {runs:.2g} independent blocks; they are rough, and {wanted} periods "
+        text += f"instead of {blocks.periods} would give {FEWEST_RUNS}"
         yield Note("few-blocks", text, width / 2 if math.isfinite(width) else None)
     pairs = zip(interval.bias.tolist(), interval.standard_error.tolist(), strict=True)
     for f, (bias, error) in zip(frequency.tolist(), pairs, strict=True):
