@@ -256,7 +256,7 @@ def test_a_cell_partly_in_a_gap_weighs_what_it_has(liner, tmp_path):
     assert complex(found.liner["velocity"].impedance[0]) == pytest.approx(wanted, rel=1e-12)
     interval = found.liner["velocity"].interval
     assert float(interval.low[0].real) < wanted.real < float(interval.high[0].real)
-    assert any(note.code == "lost-cells" and "the least 0.2" in note.text for note in found.notes)
+    assert any(note.code == "lost-cells" and "at least 0.2" in note.text for note in found.notes)
     found.write(tmp_path / "m.nc")
     again = tl.read_map(tmp_path / "m.nc")
     assert torch.equal(again.cell_weight, found.cell_weight)
