@@ -82,7 +82,6 @@ def test_heights_are_interpolated_to_half_a_hole(liner):
     [
         (lambda: quiet_of(height=1e-3), ("height", "0.0006", "0.001")),
         (lambda: quiet_of(mach=0.3), ("Mach number", "0.3", "0.2")),
-        (lambda: dataclasses.replace(quiet_of(), x=2 * quiet_of().x), ("spacing along x", "0.0005", "0.001")),
         (lambda: plane_of(), ("holds the tone of 1400 Hz", "run without sound")),
         (lambda: [quiet_of(height=8e-4), quiet_of(height=1e-3)], ("0.8, 1 mm", "half a hole diameter", "0.6001 mm")),
         (lambda: [quiet_of(), quiet_of(height=None)], ("heights",)),

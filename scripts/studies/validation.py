@@ -14,8 +14,8 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.names import PHASES
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.variants import Row, Variant, evaluate, read_again, read_for
-from torchliner.velocity.answer import answer
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import answer
 
 DRIVES = (("instantaneous", "kept"), ("instantaneous", "removed"), ("rms", "kept"), ("running-rms", "kept"))
 DEFAULT = ("instantaneous", "kept", "averaged")

@@ -106,10 +106,8 @@ def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def incoherent_power(seen: Survey, cells: Membership) -> Tensor:
-    """Sums over each block of the square of v - v', all that is not in step with the tone, m2/s2, (S, P).
-
-    What a fit over N periods keeps of the turbulence, 1/N of it, belongs to it, as in the drive.
-    """
+    """Sums over each block of the square of all that is not in step with the tone, what a fit keeps of the turbulence
+    included, as in the drive, m2/s2, (S, P)."""
     rows = seen.rows
     fit, away, share = _periodic(seen, cells)
     kept = fit - (1 - cells.spread(torch.cat([share, share[1:]]))) * away

@@ -1,11 +1,9 @@
 r"""Impulse responses of the reflection coefficient, one for each level of |v|.
 
 The published recipe is the inverse transform of R(omega, |v|) at fixed |v|, of which the taps at t >= 0 are kept, eqs
-(3.1)-(3.3). But the empirical nonlinear terms are not causal at fixed |v|: the real and the imaginary part of R are
-not a Hilbert pair, and the taps that are dropped carry up to a third of the resistance. The velocity is recorded, so
-nothing forbids taps before zero. The default is a two-sided filter, fitted by least squares to R on a band. A causal
-filter of this length cannot come near its error: 1e-3 already costs gains of 50 to 600 outside the band, which would
-amplify any noise there.
+(3.1)-(3.3). But the empirical nonlinear terms are not causal at fixed |v|: the taps that are dropped carry up to a
+third of the resistance. The velocity is recorded, so nothing forbids taps before zero: the default is a two-sided
+filter, fitted by least squares to R on a band.
 """
 
 import functools
@@ -40,9 +38,8 @@ class VelocityGrid:
         levels: V, 4 to 10 000.
         spacing: ``sqrt`` or ``uniform`` (the paper).
         interpolation: ``cubic`` (local Lagrange polynomials) or ``linear`` (the paper).
-    Source: Roncen et al. (2026), section 3.1: 200 uniform levels, linear. The nonlinear loss starts like |v|^2 and
-        turns linear within a small part of the range; levels uniform in the root of |v| resolve that, and the error
-        in R falls from 2e-2 to 6e-6 at 20 m/s.
+    Source: Roncen et al. (2026), section 3.1: 200 uniform levels, linear. Levels uniform in the root of |v| resolve
+        where the loss turns from |v|^2 to |v|: the error in R falls from 2e-2 to 6e-6 at 20 m/s.
     """
 
     maximum: float
@@ -134,14 +131,11 @@ def build_kernels(
     Args:
         liner: gives Z(f, |v|).
         sampling_rate: of the data, Hz.
-        velocity_max: largest |v|, m/s; see ``VelocityGrid``, as for ``levels``, ``spacing`` and ``interpolation``.
-        kind: ``two-sided``: least squares on ``band``. ``causal``: the inverse transform up to Nyquist without the
+        velocity_max, levels, spacing, interpolation: of ``VelocityGrid``.
+        kind: ``two-sided``: least squares on ``band``, Hz. ``causal``: the inverse transform up to Nyquist without the
             taps before zero, whose resistance is up to a third too low.
-        band: Hz; cut at 0.49 of the sampling rate.
-        before, after: s of taps on either side of zero; ``before`` is of no account for ``causal``.
+        before, after: s of taps on either side of zero.
         regularisation: Tikhonov parameter, relative to the largest singular value of the least squares.
-    Raises:
-        ValueError: an unknown name, or a band that is empty or beyond Nyquist.
     Source: Roncen et al. (2026), eqs (3.1)-(3.3), section 3.1. To the letter of the paper:
         ``kind="causal", levels=200, spacing="uniform", interpolation="linear"``. Departures from print: (3.3) is
         printed one-sided, the transform is the Hermitian one with R(0) = 1; the defaults are two-sided kernels and
@@ -229,8 +223,7 @@ def _normal_equations(
     """Of any liner: frequencies (F,), rows (2F, K), LU factors and pivots of the damped normal equations."""
     first, last, rate = lags
     times = torch.arange(first, last + 1, dtype=torch.float64) / rate
-    # R on the band has about 2 (high - low) T real unknowns in a duration T. Six frequencies for each pair of them,
-    # closer together at the ends of the band like Chebyshev nodes, leave nothing unseen.
+    # Six frequencies for each pair of the 2 (high - low) T unknowns in a duration T, closer at the ends of the band.
     points = max(32, round(6 * (band[1] - band[0]) * float(times[-1] - times[0])))
     theta = torch.linspace(0, torch.pi, points, dtype=torch.float64)
     frequency = (band[0] + band[1]) / 2 - (band[1] - band[0]) / 2 * theta.cos()

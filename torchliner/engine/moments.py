@@ -1,8 +1,4 @@
-"""The record of moments: all that a plane has to say, in the size of some hundred time samples.
-
-Its first axis is the block. Moments of several workers or files, or of a record that grows, join by laying their
-blocks one after another.
-"""
+"""The record of moments: all that a plane has to say, in the size of some hundred time samples."""
 
 import copy
 from collections.abc import Mapping
@@ -72,19 +68,13 @@ class Layout:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Moments(Layout, Summarised):
-    """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it.
+    """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it."""
 
-    Args:
-        settings: choices that went into them, by name.
-        survey: of the probes, over S blocks.
-        locked: the phase-locked drive; None in other averagings, and before the second reading.
-        sums: by averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N), none with drive ``rms``; and
-            those of the squares of the cells' velocity, "square of cells", (S, 1, 1, C).
-    """
-
-    settings: Mapping[str, Any]
-    survey: Survey
-    locked: Drive | None
+    settings: Mapping[str, Any]  # choices that went into them, by name
+    survey: Survey  # of the probes, over S blocks
+    locked: Drive | None  # the phase-locked drive; None in other averagings, and before the second reading
+    # By averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N), none with drive ``rms``; and "square
+    # of cells", those of the squares of the cells' velocity, (S, 1, 1, C).
     sums: Mapping[str, Tensor]
 
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
@@ -102,14 +92,8 @@ class Moments(Layout, Summarised):
             )
 
     def error(self, liner: Any, frequency: Any = None) -> float:
-        """Model-table error: largest error in R of the interpolation over |v|, up to the largest |v| of the data.
-
-        Args:
-            liner: whose R.
-            frequency: Hz; default 300 to 6000 Hz.
-        Raises:
-            ValueError: a liner that ends at a |v|, of moments that were not made for it.
-        """
+        """Model-table error: largest error in R of the interpolation over |v|, up to the largest |v| of the data;
+        ``frequency`` in Hz, default 300 to 6000 Hz."""
         model = as_liner(liner)
         self.require_speeds(model)
         asked = ASKED if frequency is None else frequency_tensor(frequency)

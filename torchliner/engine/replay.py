@@ -107,11 +107,11 @@ def waves_of(sent: Tensor) -> Tensor:
 
 
 class Transfer(NamedTuple):
-    """R, complex128, (N, F); Y, windowed sums of y e^{-j omega t} over S segments, (S, N, F); X, (S, F)."""
+    """Windowed sums over S segments, and R from them."""
 
-    reflection: Tensor
-    reflected: Tensor
-    incident: Tensor
+    reflection: Tensor  # R, complex128, (N, F)
+    reflected: Tensor  # Y, of y e^{-j omega t}, (S, N, F)
+    incident: Tensor  # X, (S, F)
 
 
 def transfer(
@@ -123,15 +123,8 @@ def transfer(
     segment: int | None = None,
     window: str | None = None,
 ) -> Transfer:
-    """R(f) = sum Y X* / sum |X|^2 over segments, H1, in one reading of y.
-
-    Args:
-        reflected: y.  incident: x.  frequency: Hz, (F,); those of ``ComplexTones`` themselves.  sampling_rate: Hz.
-        segment: samples of segments that overlap by half; None for the whole record as one.
-        window: ``hann`` (periodic) or ``boxcar``; default that of the wave.
-    Raises:
-        ValueError: a segment that is odd or does not fit, a frequency at which the wave has no energy.
-    """
+    """R(f) = sum Y X* / sum |X|^2, H1, in one reading of y, over segments of so many samples that overlap by half, None
+    for the whole record as one; ``window``: ``hann`` (periodic) or ``boxcar``, default that of the wave."""
     window = require_choice("window", incident.window if window is None else window, ("hann", "boxcar"))
     samples, device, parts = reflected.samples, reflected.device, 1 if segment is None else 2
     length = samples if segment is None else segment

@@ -18,8 +18,7 @@ STEADY = 1e-18  # of the mean square: less than rounding
 
 
 def lines_of(tone: float | None, sampling_rate: float, asked: Tensor | None = None) -> tuple[Tensor, int]:
-    """The first harmonics of a tone below half the sampling rate, then frequencies asked for that are none of them:
-    Hz, (L,); and how many harmonics there are, none without a tone."""
+    """Harmonics below half the sampling rate, then other frequencies asked for, Hz, (L,); number of harmonics."""
     lines = [] if tone is None else [tone * (1 + h) for h in range(HARMONICS)]
     lines = [line for line in lines if line < 0.5 * sampling_rate * (1 - 1e-6)]
     harmonics = len(lines)
@@ -125,12 +124,9 @@ class Survey:
         return of_v, torch.complex(self.waves[:, cosine], -self.waves[:, sine])
 
     def coherence(self, frequency: Tensor, cells: Membership | None = None) -> Tensor:
-        """Squared coherence of v with a steady tone, 0 to 1, (P, F); nan where not measured.
-
-        With ``cells`` of the velocity averaged over each, (F,): a single probe in turbulence hardly sees the sound that
-        all holes of its cell pass. Of several cells power is added, so that a grazing wave counts. nan where a steady
-        velocity has no line.
-        """
+        """Squared coherence of v with a steady tone, 0 to 1, (P, F); nan where not measured, or where a steady velocity
+        has no line. With ``cells`` of the velocity averaged over each, power added, (F,): a single probe in turbulence
+        hardly sees the sound that all holes of its cell pass."""
         of_v, of_one = self.line_sums(frequency)
         lines = (of_v - self.mean[:, None] * of_one[:, None]) / self.lengths[:, None, None]
         if cells is not None:

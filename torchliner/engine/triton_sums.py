@@ -3,11 +3,8 @@
 Checked in Triton's interpreter and on an NVIDIA H200, where it sums 27 400 x 2280 velocities, 24 orders, in 1 ms.
 
 A program has one slab, ``TILE`` columns, some rows of weights and a run of orders. A thread has one column and keeps
-its sums in registers, a tuple that is unrolled when the kernel is compiled, while v streams past: one division a
-velocity, one multiplication and addition for each T_k and each sum, and no temporary of the size of v. With
-``REGISTERS`` for its sums a float32 thread takes 128, which leaves 16 warps on each multiprocessor; as the sums do
-not wait for each other, these should keep it busy. Orders beyond that go to other programs, which repeat the
-recurrence up to their first one: not for 96 orders of one row or 32 of three; 64 of three cost an eighth more.
+its sums in registers, a tuple that is unrolled when the kernel is compiled, while v streams past. Orders beyond
+``REGISTERS`` go to other programs, which repeat the recurrence up to their first one.
 """
 
 from __future__ import annotations
@@ -41,10 +38,7 @@ def available() -> bool:
 
 
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
-    """m_k of each slab, row of weights and column, as ``nodes.torch_sums`` defines them.
-
-    A slab is summed in the precision of the data; strides are any, best where neighbouring columns are adjacent.
-    """
+    """m_k of each slab, row of weights and column, as ``nodes.torch_sums`` defines them; strides are any."""
     slabs, rows, length = weights.shape
     width = columns.shape[2]
     rows_each = math.ceil(rows / math.ceil(rows / MOST_ROWS))

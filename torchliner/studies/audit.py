@@ -20,8 +20,8 @@ from torchliner.names import AVERAGINGS, DRIVES, MEANS
 from torchliner.records import VelocityPlane
 from torchliner.records.case import planes_by_height
 from torchliner.studies.variants import Row, Study, Variant, evaluate, every_second, of_blocks, read_again, read_for
-from torchliner.velocity.answer import answer, fitting
 from torchliner.velocity.choices import COMPUTED, Choices
+from torchliner.velocity.educe import answer, fitting
 from torchliner.velocity.reading import Progress
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 

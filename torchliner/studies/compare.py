@@ -14,8 +14,8 @@ from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.variants import Row, Study, plane_of, read_for, rows_of
-from torchliner.velocity.answer import answer, fitting
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import answer, fitting
 from torchliner.velocity.reading import Progress
 
 SAME_PLACE = 1e-6  # m

@@ -21,10 +21,9 @@ from torchliner.liners.model import LinerModel, as_liner
 from torchliner.records import VelocityPlane
 from torchliner.studies.laws import Knots, Law, impedances_at
 from torchliner.studies.variants import Records, plane_of
-from torchliner.velocity.answer import require_fitting
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import moments
+from torchliner.velocity.educe import moments, require_fitting
 from torchliner.velocity.review import review_case
 
 SHARE = 0.02  # of |Z|: noise of references for which none is stated

@@ -4,7 +4,6 @@ Sound over a flow makes jets, whose vortices pass the plane as if they were turb
 turbulence that is there without the sound (docs/background.md).
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +22,8 @@ from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 
-SAME = 0.02  # relative: heights, spacings and Mach numbers that differ by less are the same
+SAME = 0.02  # relative: heights and Mach numbers that differ by less are the same
+CLOSE = 1e-5  # m, of probes that are the same
 HALF = 0.5  # of a hole diameter: the height at which the rms of a quiet run acts (docs/background.md)
 FALSE_ALARM = 1e-3  # of runs without sound, that are taken to hold the tone
 
@@ -62,9 +62,6 @@ def background_of(plane: VelocityPlane, given: Any, liner: LinerModel | None, pi
         plane: with sound.  pitch: of the cells, m.  liner: whose holes count; None for moments of any liner.
         given: a number, m/s, a plane without sound or its moments, or planes of several heights, between which the rms
             is interpolated to half a hole diameter.
-    Raises:
-        TypeError: something else.
-        ValueError: a plane of another height, spacing or flow, or with sound; no plane near half a hole diameter.
     """
     if not isinstance(given, (VelocityPlane, Moments, list, tuple)):
         require_positive("background (m/s)", given)
@@ -91,7 +88,7 @@ def background_of(plane: VelocityPlane, given: Any, liner: LinerModel | None, pi
 
 
 def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_height: bool) -> Background:
-    """rms of the incoherent velocity of each cell without sound; of all probes where only the spacing is the same."""
+    """rms of the incoherent velocity of each cell without sound; of all probes where these are others."""
     about = quiet.plane if isinstance(quiet, Moments) else quiet
     tone, same_grid = plane.frequency or about.frequency, _require_same(about, plane, same_height)
     if isinstance(quiet, Moments):
@@ -118,28 +115,18 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
 
 
 def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool) -> bool:
-    """Whether both have the same probes; refuse another spacing, flow or height."""
-
-    def spacing(values: Tensor | None) -> float | None:
-        points = torch.zeros(0) if values is None else torch.unique(values)
-        return float(points.diff().median()) if len(points) > 1 else None
-
-    facts = [
-        ("Mach number", quiet.mach, plane.mach),
-        ("spacing along x (m)", spacing(quiet.x), spacing(plane.x)),
-        ("spacing along z (m)", spacing(quiet.z), spacing(plane.z)),
-        ("height (m)", quiet.height, plane.height),
-    ]
-    for what, there, here in facts[: 3 + same_height]:
+    """Whether both have the same probes; refuse another flow or height."""
+    facts = [("Mach number", quiet.mach, plane.mach), ("height (m)", quiet.height, plane.height)]
+    for what, there, here in facts[: 1 + same_height]:
         if there is not None and here is not None and abs(there - here) > SAME * max(abs(there), abs(here)):
             raise ValueError(
                 f"background {quiet.name} has {what} {there:.4g} and {plane.name} {here:.4g}; give the same plane of "
                 "the same flow without sound, or its rms in m/s"
             )
-    step = SAME * min((spacing for _, _, spacing in facts[1:3] if spacing), default=math.inf)
     pairs = ((quiet.x, plane.x), (quiet.z, plane.z))
     return quiet.probe_shape == plane.probe_shape and all(
-        a is b is None or (a is not None and b is not None and float((a - b).abs().max()) <= step) for a, b in pairs
+        a is b is None or (a is not None and b is not None and torch.allclose(a, b, rtol=0, atol=CLOSE))
+        for a, b in pairs
     )
 
 

@@ -20,9 +20,9 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.educed import Educed
 from torchliner.records.incident import ComplexTones, Incident, as_incident
 from torchliner.records.notes import Note
-from torchliner.velocity.answer import facts_of, map_of
 from torchliner.velocity.averages import fold
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.educe import facts_of, map_of
 from torchliner.velocity.reading import Progress, reading_of, take_moments
 from torchliner.velocity.review import review_case
 
@@ -218,16 +218,13 @@ def _review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, chief: Ed
     if kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN:
         text = (
             f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz (limit "
-            f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); "
         )
+        text += f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); "
         remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
         yield Note("kernel", text + remedy, kernels.error * size)
     if kernels.level_error > LARGEST_ERROR:
-        text = (
-            f"between {kernels.grid.levels} levels of |v| R is off by up to {kernels.level_error:.2g} (limit "
-            f"{LARGEST_ERROR:g}); take more levels, or spacing='sqrt' with interpolation='cubic'"
-        )
-        yield Note("levels", text, kernels.level_error * size)
+        text = f"between {kernels.grid.levels} levels of |v| R is off by up to {kernels.level_error:.2g} (limit "
+        yield Note("levels", f"{text}{LARGEST_ERROR:g}); take more levels", kernels.level_error * size)
     if wave.band is None:
         power = torch.fft.rfft(sent).abs().square()
         lines = torch.fft.rfftfreq(len(sent), 1 / kernels.sampling_rate, dtype=torch.float64)

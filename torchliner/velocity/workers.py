@@ -40,9 +40,8 @@ Rows = list[np.ndarray]
 def reduce_on(client: Any = None, kept: Path | None = None) -> Reduce:
     """``engine.sums.reduce`` of a ``PlaneRecord`` of a plane in its file, shared out; no data travel.
 
-    Args:
-        client: of dask.distributed; a worker that is lost is replaced by another. None: here, one share after another.
-        kept: folder of this record alone, for finished shares: what is there is not read again.
+    A worker that is lost is replaced by another; without a ``client`` of dask.distributed the work is done here.
+    ``kept``: folder of this record alone, for finished shares: what is there is not read again.
     """
 
     def run(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
@@ -150,10 +149,8 @@ def on_worker(version: str, sent: tuple[Any, ...], share: Sequence[int]) -> Rows
 def open_cluster(where: str | None, wait: float | None = None) -> Iterator[Any]:
     """A client of dask.distributed; None for None.
 
-    Args:
-        where: ``local:N``, N processes of one thread on this machine; ``tcp://HOST:PORT`` (or tls://) of a scheduler;
-            or its file, .json.
-        wait: s, for the scheduler and, once there is work for it, for the first worker; default 30.
+    ``where``: ``local:N``, N processes of one thread on this machine; ``tcp://HOST:PORT`` (or tls://) of a scheduler;
+    or its file, .json. ``wait``: s, for the scheduler and, once there is work for it, for the first worker; default 30.
     """
     if where is None:
         yield None
