@@ -226,7 +226,7 @@ GROUPS = {
             Option("liner", "preset, .toml, .csv or .py file", NAME),
             Option("--level", "of the whole incident wave, dB re 20 uPa rms", NUMBER, "+", required=True),
             frequency("none; with --incident its tones, or eight in its band"),
-            Of(IR, "kernel sampling_rate duration velocity_max after", kinds={"kernel": names.STEP_KERNELS}),
+            Of(IR, "kernel sampling_rate duration after", kinds={"kernel": names.STEP_KERNELS}),
         ),
         "export": row(
             "",

@@ -95,7 +95,6 @@ def ir_tdibc(
     kernel: str = "least-squares",
     sampling_rate: float | None = None,
     duration: float | None = None,
-    velocity_max: float | None = None,
     after: float = AFTER,
 ) -> LevelCurve:
     """Impedance over the level of a normally incident plane wave that alone drives the liner.
@@ -113,7 +112,6 @@ def ir_tdibc(
         sampling_rate: Hz, at least 8 times the highest frequency; default 48 kHz or 16 times it, in whole periods of
             tones.
         duration: s of the record, at least a kernel's length; default 0.25, of tones 0.04.
-        velocity_max: m/s, top of the kernel table; default 20 or the liner's largest.
         after: s, length of the kernel; default 0.01.
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; a rate or record too small; a
@@ -136,17 +134,14 @@ def ir_tdibc(
     rms, n = REFERENCE_PRESSURE * 10 ** (levels / 20) / float(fluid.characteristic_impedance), len(unit)
     sent = rms[:, None] * unit
     # Levels of |v| never depend on the batch, so that the answer of a level is its own.
-    grid = VelocityGrid(min(FASTEST, model.speed_max or FASTEST) if velocity_max is None else velocity_max)
+    grid = VelocityGrid(min(FASTEST, model.speed_max or FASTEST))
     how: dict[str, Any] = {"band": kernel_band(read, model, rate, wave), "after": after, **STEPPED[kernel]}
     kernels = build_kernels(model, rate, velocity_max=grid.maximum, **how)
     every = step_in_time(sent.repeat(1, 2), kernels)
     reflected, half = every[:, n:], n // 2
-    for value, peak, lost in zip(levels.tolist(), sent.abs().amax(1).tolist(), every.isnan().any(1), strict=True):
+    for value, lost in zip(levels.tolist(), every.isnan().any(1), strict=True):
         if lost:
-            raise ValueError(
-                f"at {value:g} dB |v| exceeds {grid.maximum:g} m/s, the top of the kernel table; lower the level, or "
-                f"give velocity_max={2 * peak:.3g}, twice the peak of the wave, if the liner is known so far"
-            )
+            raise ValueError(f"at {value:g} dB |v| exceeds {grid.maximum:g} m/s, where kernels end; lower the level")
     velocity, power = sent - reflected, 2 * (torch.fft.rfft(unit)[1:] / n).abs() ** 2
     speed, later = velocity.square().mean(1).sqrt(), every[:, 2 * n - half :]
     f = torch.fft.rfftfreq(n, 1 / rate, dtype=torch.float64)[1:]
