@@ -194,7 +194,9 @@ def settled(
     quiet = chosen.background
     if quiet is not None and not isinstance(quiet, Background):
         quiet = background_of(plane, quiet, liner, pitch)
-    return dataclasses.replace(chosen, running_window=chosen.window(frequency), background=quiet)
+    if chosen.drive == "running-rms":
+        chosen = dataclasses.replace(chosen, running_window=chosen.window(frequency))
+    return dataclasses.replace(chosen, background=quiet)
 
 
 def take_moments(

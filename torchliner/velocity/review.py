@@ -100,7 +100,8 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
             f"{_place(plane, probe)}, sample {first_fault(plane, seen.blocks, probe)}; repair them, or leave such "
             "probes out with missing='exclude' (--missing exclude)"
         )
-    refuse_beyond_table(plane, known)
+    if isinstance(known.nodes, Levels):
+        refuse_beyond_table(plane, known, known.nodes)
     sound, peak = float(plane.fluid.sound_speed), float(seen.peak.max())
     if peak > sound:
         text = f"|v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s; check the unit of the data"
@@ -135,10 +136,8 @@ def first_fault(plane: VelocityPlane, blocks: Blocks, probe: int) -> int:
     raise ValueError(f"{plane.name}: sums of v^2 at probe {probe} are beyond the range of numbers; check the unit")
 
 
-def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
-    """Refuse |v| where the table of these moments, if they are of one, ends, so that their sums are nan."""
-    if not isinstance(known.nodes, Levels):
-        return
+def refuse_beyond_table(plane: VelocityPlane, known: Moments, nodes: Levels) -> None:
+    """Refuse |v| where the table of these moments ends, so that their sums are nan."""
     for averaging in (name for name in known.sums if name in AVERAGINGS):
         beyond = torch.isnan(known.sums[averaging].sum((0, 1, 2))).cpu()
         if bool(beyond.any()):
@@ -147,7 +146,7 @@ def refuse_beyond_table(plane: VelocityPlane, known: Moments) -> None:
             place = f"cell {first}" if averaging == "velocity" else f"probe {_place(plane, first)}"
             raise ValueError(
                 f"{plane.name} reaches |v| = {peak:.4g} m/s at {place} (averaging {averaging!r}), above the liner's "
-                f"table, {float(known.nodes.speeds[-1]):g} m/s; extend it"
+                f"table, {nodes.kinks[-1]:g} m/s; extend it"
             )
 
 
@@ -211,17 +210,16 @@ def review_sound(
                 "that the sound makes, so that R is probably too high: give a run without sound (--background)"
             )
             notes.append(Note("velocity-ratio", text))
-    if chosen.averaging != "phase-locked" or plane.frequency is None or not seen.harmonics:
-        return notes, facts
-    assert known.locked is not None
-    facts["tone_share"] = share = tone_share(known, known.locked)
-    other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
-    if share > TONAL and known.settings["drive"] == "instantaneous" and bool(other.any()):
-        text = (
-            f"{name}: {100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz: at "
-            f"{float(frequency[other][0]):g} Hz Z is that of a weak second tone beside it, not of a tone sent alone"
-        )
-        notes.append(Note("other-tone", text))
+    if chosen.averaging == "phase-locked" and plane.frequency is not None and seen.harmonics:
+        other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
+        if bool(other.any()) and known.settings["drive"] == "instantaneous" and known.locked is not None:
+            facts["tone_share"] = share = tone_share(known, known.locked)
+            if share > TONAL:
+                text = (
+                    f"{100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz: at "
+                )
+                text += f"{float(frequency[other][0]):g} Hz Z is that of a weak second tone beside it, not of one sent alone"
+                notes.append(Note("other-tone", f"{name}: {text}"))
     return notes, facts
 
 
