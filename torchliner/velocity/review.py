@@ -217,8 +217,8 @@ def review_sound(
             if share > TONAL:
                 text = (
                     f"{100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz: at "
+                    f"{float(frequency[other][0]):g} Hz Z is that of a weak second tone beside it, not of one alone"
                 )
-                text += f"{float(frequency[other][0]):g} Hz Z is that of a weak second tone beside it, not of one sent alone"
                 notes.append(Note("other-tone", f"{name}: {text}"))
     return notes, facts
 
