@@ -58,18 +58,6 @@ def draw_pressures(
     return look.finish(figure, path, title, 3)
 
 
-def draw_spectra(
-    found: Sequence[Any], labels: Sequence[str], rows: Sequence[look.Rows], path: str | Path | None = None
-) -> look.Figure:
-    """R and X over frequency of eductions from microphones, with their 95 % intervals; ``rows``: of each eduction."""
-    drawn = []
-    for i, (label, mine) in enumerate(zip(labels, rows, strict=True)):
-        style = look.colour_of(i, label, marker=look.MARKERS[i], markersize=3)
-        drawn.append(look.curve_of(mine, "frequency", bars=len(mine) == 1, **style))
-    words = f"{found[0].method}; {'bars' if len(rows[0]) == 1 else 'shaded'}: 95 % intervals"
-    return look.draw_parts(drawn, look.KHZ, path, words, poles=True, legend=2, height=3.2)
-
-
 def draw_lines(
     lines: ImpedanceLine | Sequence[ImpedanceLine],
     path: str | Path | None = None,

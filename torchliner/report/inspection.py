@@ -13,7 +13,6 @@ from torchliner.engine.survey import Survey, survey_of, survey_sums
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import plane_notes
-from torchliner.velocity.reading import time_moments
 from torchliner.velocity.review import first_fault
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
@@ -98,9 +97,6 @@ def _inspection(plane: VelocityPlane, seen: Survey, good: Tensor, failures: list
         facts |= {"v0 mean (m/s)": mean, "v0 smallest, largest (m/s)": _range(seen.mean[good])}
         facts |= {"v' rms (m/s)": float(rms.square().mean().sqrt()), "v' rms smallest, largest (m/s)": _range(rms)}
         facts["largest |v| (m/s)"] = float(seen.peak[good].max())
-        if plane.streamwise is not None:
-            mean_u, square = time_moments(VelocityPlane(plane.streamwise, sampling_rate=plane.sampling_rate))
-            facts["u' rms (m/s)"] = float((square - mean_u**2).clamp(min=0).nanmean().sqrt())
         if plane.mach:
             bulk = plane.mach * plane.fluid.sound_speed
             share = facts["|v0| over bulk velocity"] = abs(mean) / bulk

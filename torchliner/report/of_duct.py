@@ -15,6 +15,7 @@ from torchliner.duct.presets import DuctSetup
 from torchliner.duct.settled import SETTLED
 from torchliner.records import FieldFit, MicrophoneLine, WallEduction
 from torchliner.report import fields
+from torchliner.report import figure as look
 from torchliner.report.answer import Answer, Grid, Picture, row_words
 from torchliner.report.maps import distinct
 from torchliner.report.table import Row, bounds_of, table_of
@@ -66,7 +67,11 @@ def of_wall(*found: WallEduction | FieldFit) -> Answer:
             waves.append((label, (places, fitted[:, f]), line.x, line.pressure[:, f]))
             pressures += [{"eduction": label} | row for row in _microphones(line) if row["frequency"] == main]
     along = partial(fields.draw_pressures, waves, title="pressures along the wall", markers="measured")
-    spectra = partial(fields.draw_spectra, found, labels, each_rows)
+    curves = [
+        look.curve_of(mine, "frequency", bars=len(mine) == 1, **look.colour_of(i, label, marker=look.MARKERS[i]))
+        for i, (label, mine) in enumerate(zip(labels, each_rows, strict=True))
+    ]
+    spectra = partial(look.draw_parts, curves, look.KHZ, caption="95 % intervals", poles=True, legend=2)
     words = f"Sound pressure along the wall at {main:g} Hz: markers, the microphones; lines, what was fitted."
     shown = "frequency,impedance,interval,residual,known,deviation,wavenumber,energy_share,end_reflection,misfit"
     references = {f"{name}: Z = {z:.3f}.": 0 for line in lines for name, z in line.reference.items()}

@@ -60,6 +60,9 @@ def of_comparison(found: Study) -> Answer:
 def of_models(found: Study) -> Answer:
     """A row a frequency and model, the nearest first."""
     distances = "".join(f",distance.{name}" for name in found.references)
+    drawn = [Row(row, name=f"{row.model}, {row.frequency:g} Hz") for row in found.rows[: studies.MOST_DRAWN]]
+    title = f"{found.title}, averaging {found.averaging}"
+    draw = partial(studies.draw_cases, drawn, references=found.references, title=title)
     return Answer(
         title=f"Models: {found.title}",
         lines=[
@@ -70,7 +73,7 @@ def of_models(found: Study) -> Answer:
         table=table_of(found.rows, f"model,frequency,impedance,interval,level_check{distances}"),
         caption="Z by each model.",
         notes=found.notes,
-        pictures=[Picture("models", f"{found.title}: models", partial(studies.draw_models, found), lambda: found.rows)],
+        pictures=[Picture("models", title, draw, lambda: found.rows)],
         more=found,
     )
 

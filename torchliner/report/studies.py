@@ -72,14 +72,6 @@ def draw_comparison(found: Any, path: str | Path | None = None, frequency: float
     return draw_cases(rows[:MOST_DRAWN], path, {"no difference": 0j}, words)
 
 
-def draw_models(found: Any, path: str | Path | None = None) -> look.Figure:
-    """A line a model and frequency, with its interval."""
-    several = len({row.frequency for row in found.rows}) > 1
-    rows = [Row(row, name=f"{row.model}, {row.frequency:g} Hz" if several else row.model) for row in found.rows]
-    words = f"{found.title}, {found.rows[0].frequency:g} Hz, averaging {found.averaging}"
-    return draw_cases(rows[:MOST_DRAWN], path, found.references, words)
-
-
 def draw_predictions(rows: Rows, title: str, path: str | Path | None = None) -> look.Figure:
     """What a fit predicts of each plane, with its 95 % interval, beside the reference and the model as it was."""
     drawn = []
