@@ -218,7 +218,6 @@ REFUSED = [  # words, and what the one line names
     ("ir-tdibc polito --level 120", "--frequency"),
     (f"sensitivity {SLIT} --tolerance porosity", "NAME=VALUE"),
     (f"calibrate {SLIT} --free porosity=1", r"NAME\[=LOW:HIGH\]"),
-    (f"compare-models {SLIT} --liner polito --liner polito", "once"),
     (f"height {DATA}/slit_g03_145_y0.5mm.h5 {DATA}/orifice_o145_y1.0mm.h5", "liners, lbm_orifice, lbm_slit"),
     ("reduce moments_0.5.h5 -o m.h5", "the plane that was reduced"),
     ("reduce y0.5mm.h5", "required"),

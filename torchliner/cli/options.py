@@ -164,7 +164,7 @@ class Command(NamedTuple):
     @property
     def summary(self) -> str:
         """First line of the function's docstring."""
-        return str(ast.get_docstring(definition(f"cli.{self.home}"))).split(".\n")[0].rstrip(".")
+        return str(ast.get_docstring(definition(f"cli.{self.home}"))).split(". ")[0].rstrip(".")
 
 
 @cache

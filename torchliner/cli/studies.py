@@ -44,11 +44,9 @@ def compare(options: argparse.Namespace) -> None:
 def compare_models(options: argparse.Namespace) -> None:
     """Several models of the liner on one plane, in one pass."""
     stems = [Path(name).stem for name in options.liner]
-    liners = dict(zip(stems if len(set(stems)) == len(stems) else options.liner, options.liner, strict=True))
-    if len(liners) < len(stems):
-        raise ValueError(f"--liner {' --liner '.join(options.liner)}: one is given twice; name each model once")
+    names = stems if len(set(stems)) == len(stems) else options.liner
     records = work.read_records([options.plane], options)
-    models = {name: tl.load_liner(liner) for name, liner in liners.items()}
+    models = {name: tl.load_liner(liner) for name, liner in zip(names, options.liner, strict=True)}
     with work.progress_bar(work.samples_of(records), options) as step:
         found = tl.compare_models(records[0], models, options.frequency, progress=step, **options.chosen)
     work.show(options, found)
@@ -62,10 +60,7 @@ def sensitivity(options: argparse.Namespace) -> None:
 
 
 def calibrate(options: argparse.Namespace) -> int:
-    """Parameters of a liner fitted to known impedances.
-
-    Exit code 1 if one is on a bound or unseen.
-    """
+    """Parameters of a liner fitted to known impedances. Exit code 1 if one is on a bound or unseen."""
     known, predicted, liner, references = _planes(options)
     free = {name: ends for each in options.free for name, ends in _bounds(each, liner).items()}
     averaging = options.averaging or ("velocity" if free else AVERAGING)
@@ -84,10 +79,8 @@ def calibrate(options: argparse.Namespace) -> int:
 
 
 def identify(options: argparse.Namespace) -> int:
-    """Response of a liner to |v| found from runs of known impedance.
-
-    Exit code 1 if a parameter is on a bound or unseen, or a prediction leaves the speeds of the runs.
-    """
+    """Response of a liner to |v| found from runs of known impedance. Exit code 1 if a parameter is on a bound or
+    unseen, or a prediction leaves the speeds of the runs."""
     known, predicted, liner, references = _planes(options)
     models = [CURVE if [*each] == [CURVE] else _bounds(each, with_flow(liner)) for each in options.free]
     about = {"models": models or [CURVE], "noise": options.noise, "frequency": options.frequency}

@@ -108,21 +108,14 @@ def of_line(line: MicrophoneLine) -> Answer:
     """Of a solved duct, from its line of microphones: what it takes from sound, and whether the mesh is fine enough; a
     ValueError for microphones that were measured, which are no result."""
     solved, modes = (line.provenance.get(key) for key in ("solved", "plane_mode"))
-    if not isinstance(solved, Mapping) or not isinstance(modes, list) or len(modes) != len(line.frequency):
-        raise ValueError(
-            f"{line.name} holds microphones, from which an impedance is yet to be educed: report what torchliner kt "
-            "FILE -o writes"
-        )
+    if not solved or not modes:
+        raise ValueError(f"{line.name} holds microphones, no result: report what torchliner kt FILE -o writes")
     at = torch.linspace(0, len(modes) - 1, min(len(modes), MOST_DRAWN)).round().int().tolist()
     row = max(modes, key=lambda each: each.get(MESH) or 0.0)
-    check, moved = "no second mesh was solved", row.get(MESH)
-    if moved is not None:
-        within = "within" if moved <= SETTLED else "above"
-        check = f"a finer mesh moves it by {moved:.2g} dB, {within} the {SETTLED:g} dB asked for"
-    sentences = [
-        f"At {row['frequency (Hz)']:g} Hz the duct takes {row['transmission loss (dB)']:.2f} dB from the plane wave of "
-        f"a source {line.source_side}; {check}."
-    ]
+    moved = row.get(MESH)
+    check = "no second mesh was solved" if moved is None else f"a finer mesh moves it by {moved:.2g} dB"
+    sentence = f"At {row['frequency (Hz)']:g} Hz the duct takes {row['transmission loss (dB)']:.2f} dB from the plane "
+    sentence += f"wave of a source {line.source_side}; {check} (limit {SETTLED:g} dB)."
     microphones = table_of(_microphones(line), "frequency,x,spl,phase")
     words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
     waves = [(f"{float(line.frequency[f]):g} Hz", None, line.x, line.pressure[:, f]) for f in dict.fromkeys(at)]
@@ -130,7 +123,7 @@ def of_line(line: MicrophoneLine) -> Answer:
     draw = partial(fields.draw_pressures, waves, title=line.title or line.name, liner=liner)
     return Answer(
         title=f"Solved duct: {line.title}",
-        lines=sentences,
+        lines=[sentence],
         table=table_of(modes, ",".join(modes[0])),
         caption="The plane-like mode sent back and let through, and its energy, in shares of that coming in.",
         grids=[Grid("microphones", "At the microphones.", microphones)],

@@ -27,10 +27,7 @@ STATIONS = (
 )
 COMPONENTS = {"v": "wall_normal", "u": "streamwise"}
 MOMENTS = ("mean", "rms", "weighted_mean", "weighted_rms")
-WHY = (
-    "Z is p/(ρc v), exp(+jωt). Intervals: because the record is finite, not the errors of formula, cavity or "
-    "microphones. Pressure first: the average that the reflected plane wave sees; admittance over points: the paper's."
-)
+WHY = "Intervals are of the finite record. Pressure first: what the reflected plane wave sees; admittance: the paper's."
 
 
 def of_line(line: ImpedanceLine) -> Answer:
@@ -63,10 +60,7 @@ def of_line(line: ImpedanceLine) -> Answer:
         at, level = one_of(line.frequency.tolist()), line.choices["interval"]
         count = f"{found.stations} of {line.stations} stations"
         words = f"{row_words(rows[0], level)} in units of ρc at {at}, from {count}."
-    caption = (
-        f"Impedance of the stations at {float(line.frequency[0]):g} Hz. Light: three standard deviations over the "
-        "segments; dark: interval of the mean; crosses: stations that are in no average."
-    )
+    caption = f"At {float(line.frequency[0]):g} Hz. Light: three standard deviations over segments; dark: interval."
     flags = [f"{name}: {flag}" for name, several in zip(line.names, line.flags, strict=True) for flag in several]
     return Answer(
         title=f"Impedance line: {line.title}" if line.title else "Impedance line",
@@ -101,11 +95,10 @@ def of_stations(*stations: Station) -> Answer:
         rows.append(row | {"flags": list(one.flags), "flagged": "; ".join(one.flags)})
         remarks += [f"{one.name}: {n} dropped: {why}" for why, n in kept.dropped.items()]
         remarks += [] if seen.weighted else [f"{one.name}: no transit times, weighted moments are not weighted"]
-    count = sum(1 for one in stations if one.flags)
     shown = "station,x,y,z,bursts,dropped,duration,rate,longest_gap,v mean (m/s),v rms (m/s),u mean (m/s),u rms (m/s)"
     return Answer(
         title=f"{len(stations)} stations of bursts",
-        lines=[f"{count} of {len(stations)} stations are flagged" if count else "no flags"],
+        lines=[f"{sum(bool(one.flags) for one in stations)} of {len(stations)} stations are flagged"],
         table=table_of(rows, shown),
         remarks=remarks,
         notes=[f"{one.name}: {text}" for one in stations for text in (*one.flags, *one.kept.notes)],

@@ -152,7 +152,7 @@ def _step(result: ImpedanceMap, state: str, index: int) -> str:
         quiet = "" if result.choices.get("background") else "give a run without sound (--background), "
         return f"no averaging passes: {quiet}calibrate the model, check the level, or take another height"
     if state == INCONCLUSIVE:
-        return "the record is too short to tell: take a longer one"
+        return "take a longer record"
     return "torchliner audit shows how far each open choice moves Z"
 
 

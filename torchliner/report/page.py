@@ -66,7 +66,7 @@ def report_file(path: Path, output: Path) -> Answer:
 def write_page(answer: Answer, path: str | Path) -> None:
     """As one file, whole or not at all."""
     css, template = (Path(__file__).with_name(f"page.{end}").read_text(encoding="utf-8") for end in ("css", "html"))
-    environment = require_report().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=shown)
+    environment = require_report().Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, finalize=_shown)
     environment.globals.update(csv=csv_link, svg=svg_link)
     stated = {name: value for name, value in answer.choices.items() if name not in APART}
     rows = [{"choice": name.replace("_", " "), "value": text} for name, text in flat_words(stated)]
@@ -99,8 +99,8 @@ def require_report() -> Any:
     return jinja2
 
 
-def shown(value: Any) -> Any:
-    """Text from a file without what would steer a reader's screen; our own markup as it is; the template escapes."""
+def _shown(value: Any) -> Any:
+    """Without what would steer a reader's screen; markup of the page itself as it is."""
     return value if hasattr(value, "__html__") else printable(str(value))
 
 
