@@ -96,8 +96,9 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> fig.Figure
             )
         plane.plot(paper.real, paper.imag, "x", color=fig.COLOURS[i], markersize=7, label=f"paper, {side}")
         plane.plot(known.real, known.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
-        (x, level), line = one.by_modes.level_along(), one.line
-        heard = one.by_modes.draws.level_along()[1][..., 0].numpy()  # type: ignore[union-attr]
+        (x, fitted), line = one.by_modes.fitted_along(), one.line
+        level = spl_from_pressure_amplitude(fitted)
+        heard = spl_from_pressure_amplitude(one.by_modes.draws.fitted_along()[1])[..., 0].numpy()  # type: ignore[union-attr]
         ends = np.nanmin(heard, 0), np.nanmax(heard, 0)
         fig.draw_values(levels, 1e3 * x, level[:, 0], ends, color=fig.COLOURS[i])
         look: Any = {"color": fig.COLOURS[i], "markerfacecolor": "none", "linestyle": "none"}
@@ -123,7 +124,7 @@ def impedances(facility: Facility, side: str, one: Educed) -> list[Row]:
     rows = []
     for found in (one.by_modes, one.by_field):
         row = Row(facility=facility.name, source=side, method=found.method, impedance=complex(found.impedance[0]))
-        row |= {"mean": complex(found.mean[0]), "std": complex(found.standard_deviation[0])}
+        row |= {"mean": complex(found.mean[0]), "std": complex(found.deviation[0])}  # type: ignore[index]
         row |= {"true": facility.truth[side], "paper": facility.paper[side], "draws": found.choices["draws"]}
         rows.append(Row(row))
     return rows

@@ -230,13 +230,13 @@ def test_ties_and_drawn_errors():
     line = dataclasses.replace(one, pressure=one.pressure[0])
     found = two_wave_fit(line, draws=300, generator=torch.Generator().manual_seed(3))
     for part in ("real", "imag"):
-        drawn, seen = getattr(found.standard_deviation, part), getattr(scatter, part).std(0)
+        drawn, seen = getattr(found.deviation, part), getattr(scatter, part).std(0)
         # 4 % for each deviation from 300 values; the slope at a noisy line differs by a few %.
         assert drawn.tolist() == pytest.approx(seen.tolist(), rel=0.2)
         bias = getattr(scatter.mean(0) - WALLS, part).abs()
         assert bool((bias < 4 * seen / math.sqrt(300)).all())
     others = kumaresan_tufts(line, draws=100)
-    assert bool((found.standard_deviation.abs() < others.standard_deviation.abs()).all())
+    assert bool((found.deviation.abs() < others.deviation.abs()).all())
 
 
 def rigid_line(mach=0.25, side="upstream", **about) -> MicrophoneLine:
@@ -337,7 +337,7 @@ def test_linearised_is_the_draws(method):
     scatter = METHODS[method](dataclasses.replace(line, pressure=many)).impedance
     found = METHODS[method](off(line, 0.005, 1))
     assert found.freedom == 2 * (12 - {"two-waves": 3}.get(method, 4))
-    scaled = found.standard_error * 0.005 / (found.residual * (24 / found.freedom) ** 0.5)
+    scaled = found.deviation * 0.005 / (found.residual * (24 / found.freedom) ** 0.5)
     for part in ("real", "imag"):
         wanted = getattr(scatter, part).std(0)
         assert (getattr(scaled, part) / wanted).tolist() == pytest.approx([1.0] * 3, rel=0.2)
@@ -350,7 +350,9 @@ def test_intervals_hold_whatever_the_errors_assumed(method, size):
         warnings.simplefilter("ignore", tl.DataWarning)
         share, found = held_by_draws(method, "upstream", size, 60, 200)
     assert 0.92 < share < 0.985
-    level = torch.stack([one.used_errors[0] for one in found]).median(0).values  # one line in 60 has no second wave
+    level = (
+        torch.stack([one.choices["level_error"] * one.error_scale for one in found]).median(0).values
+    )  # one line in 60 has no second wave
     if size == 3.0:
         assert (level / (3 * LEVEL_ERROR)).tolist() == pytest.approx([1.0] * 3, rel=0.15)
         assert sum("model-misfit" in {getattr(note, "code", "") for note in one.notes} for one in found) == 60

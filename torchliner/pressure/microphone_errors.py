@@ -130,8 +130,7 @@ def wave_notes(result: WallEduction, freedom: float) -> tuple[Note, ...]:
     poor, misfit = _misfit(result, max(largest_misfit(freedom, POOR / z.numel()), choices["largest_misfit"]))
     poor &= result.residual > ROUNDING
     size = None
-    if bool(poor.any()) and (result.draws is not None or result.covariance is not None):
-        spread = result.standard_error if result.draws is None else result.standard_deviation
+    if bool(poor.any()) and (spread := result.deviation) is not None:
         size = float(spread[poor].abs().max())
     short = f"the spacing is more than half a rigid duct's wavelength above {highest:.4g} Hz; Z may be of an alias"
     share = f"the wave that runs away from a source {side} has at worst {_least(result.energy_share, weak):.2g} of the"
@@ -186,7 +185,7 @@ def _misfit(result: WallEduction | FieldFit, limit: float) -> tuple[Tensor, str]
     """Where the misfit is above a limit, (..., F), and what it says of the errors."""
     assert result.misfit is not None
     poor, choices = result.misfit > limit, result.choices
-    level, phase = (_most(used, poor) for used in result.used_errors)
+    level, phase = (_most(choices[f"{name}_error"] * result.error_scale, poor) for name in ("level", "phase"))
     stated = f"times the {choices['level_error']:g} dB and {choices['phase_error']:g} degrees stated"
     as_of = f"(limit {limit**0.5:.3g}), as of {level:.2g} dB and {phase:.2g} degrees"
     return poor, f"{_most(result.misfit, poor) ** 0.5:.3g} {stated} {as_of}"

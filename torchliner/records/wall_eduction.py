@@ -11,7 +11,6 @@ import torch
 from scipy.special import ndtri, stdtrit
 from torch import Tensor
 
-from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.names import resolve
 from torchliner.records.checked import require_shapes
 from torchliner.records.declared import Variable, flat, part, record, var
@@ -22,8 +21,7 @@ from torchliner.records.outlets import Reported, Written
 FINE = 201  # places of a level along the microphones
 LEVEL = 0.95  # of the interval in the file
 INTERVAL = f"{100 * LEVEL:g} % statistical interval"
-EACH = ("draws", "frequency")
-WAVES = ("draws", "wave", "frequency")
+EACH, WAVES, ALONG = ("draws", "frequency"), ("draws", "wave", "frequency"), ("draws", "place", "frequency")
 
 
 @record
@@ -57,11 +55,14 @@ class DrawnImpedance(Written, Reported):
     misfit: Tensor | None = var(*EACH, default=None, text="squared residual over that of the assumed errors")
 
     DERIVED: ClassVar[tuple[Variable, ...]] = (
-        Variable("low", "1", ("frequency",), name="{}_low", text=f"lower bound, {INTERVAL}"),
-        Variable("high", "1", ("frequency",), name="{}_high", text=f"upper bound, {INTERVAL}"),
-        Variable("deviation", "1", ("frequency",), name="{}_deviation", text="standard deviation, or to first order"),
+        Variable("low", dims=EACH, name="{}_low", text=f"lower bound, {INTERVAL}"),
+        Variable("high", dims=EACH, name="{}_high", text=f"upper bound, {INTERVAL}"),
+        Variable("deviation", dims=EACH, name="{}_deviation", text="standard deviation"),
     )
     GROUPS: ClassVar = ("torchliner wall 1", "eduction")  # schema of a file of several, name of each
+
+    def __post_init__(self) -> None:
+        require_shapes(flat(self, derived=False), self.method)
 
     @property
     def axes(self) -> dict[str, tuple[str, ...]]:
@@ -71,11 +72,9 @@ class DrawnImpedance(Written, Reported):
     @property
     def source_line(self) -> MicrophoneLine:
         """``line``, of one case, for files and pages; a ValueError where none was kept, or several, as of draws."""
-        if self.line is None:
-            raise ValueError(f"{self.method}: the line of microphones was not kept; a file or a page needs it")
-        if self.impedance.ndim != 1:
+        if self.line is None or self.impedance.ndim != 1:
             raise ValueError(
-                f"{self.line.name} holds {tuple(self.impedance.shape[:-1])} lines; a file or a page has one"
+                f"{self.method}: a file or a page needs one line of microphones; none or several were kept"
             )
         return self.line
 
@@ -96,11 +95,6 @@ class DrawnImpedance(Written, Reported):
         """Places along the microphones, m, (X,), and the fitted pressure, peak, Pa, (..., X, F)."""
         raise NotImplementedError
 
-    def level_along(self) -> tuple[Tensor, Tensor]:
-        """Places along the microphones, m, (X,), and the fitted SPL, dB, (..., X, F)."""
-        places, pressure = self.fitted_along()
-        return places, spl_from_pressure_amplitude(pressure)
-
     @property
     def error_scale(self) -> Tensor:
         """Of the errors used over those assumed, (..., F): the root of the misfit where that is above
@@ -108,12 +102,6 @@ class DrawnImpedance(Written, Reported):
         if self.misfit is None:
             return torch.ones_like(self.impedance.real)
         return torch.where(self.misfit > self.choices.get("largest_misfit", 1.0), self.misfit, 1.0).sqrt()
-
-    @property
-    def used_errors(self) -> tuple[Tensor, Tensor]:
-        """Standard deviations in level, dB, and in phase, degrees, that the draws have, (..., F)."""
-        level, phase = (self.choices.get(name, torch.nan) for name in ("level_error", "phase_error"))
-        return level * self.error_scale, phase * self.error_scale
 
     @property
     def estimated(self) -> Tensor:
@@ -134,63 +122,51 @@ class DrawnImpedance(Written, Reported):
         return torch.complex(self.drawn.real.nanmean(0), self.drawn.imag.nanmean(0))
 
     @property
-    def standard_deviation(self) -> Tensor:
-        """Of the drawn resistances (real part) and reactances (imaginary part), (..., F)."""
-        return deviation(self.drawn)
-
-    @property
     def failed(self) -> Tensor:
         """How many draws have no impedance, (..., F)."""
         return torch.isnan(self.drawn.real).sum(0)
 
     @property
-    def standard_error(self) -> Tensor:
-        """Of resistance (real part) and reactance (imaginary part), (..., F); without draws. A ValueError where no
-        covariance is known."""
+    def deviation(self) -> Tensor | None:
+        """Standard deviation of resistance (real part) and reactance (imaginary part), (..., F): over the draws, nan of
+        fewer than two; to first order without draws; None where no covariance is known."""
+        if self.draws is not None:
+            return deviation(self.drawn)
         if self.covariance is None:
-            raise ValueError(f"{self.method}: no covariance is known; educe with draws=500")
-        spread = self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt()
-        return torch.complex(spread[..., 0], spread[..., 1])
+            return None
+        return torch.view_as_complex(self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt().contiguous())
 
     def interval(self, level: float = LEVEL) -> tuple[Tensor, Tensor]:
         """Bounds of a statistical interval: real parts bound R, imaginary parts X.
 
         The middle ``level`` of the draws; without draws Student's interval, or the normal one of stated errors, to
         first order.
+
+        Raises:
+            ValueError: a level that is not between 0 and 1; neither draws nor a covariance.
         """
         if not 0 < level < 1:
             raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
         share = (1 + level) / 2
         if self.draws is None:
+            if self.deviation is None:
+                raise ValueError(f"{self.method}: no covariance is known; educe with draws=500")
             student = float(ndtri(share) if self.freedom is None else stdtrit(self.freedom, share))
-            away = torch.where(self.estimated, student, float(ndtri(share))) * self.standard_error
+            away = torch.where(self.estimated, student, float(ndtri(share))) * self.deviation
             return self.impedance - away, self.impedance + away
         parts = (self.drawn.real, self.drawn.imag)
         low, high = (torch.complex(*(part.nanquantile(end, 0) for part in parts)) for end in (1 - share, share))
         return low, high
 
-    # What the file of one line has beside its fields; None where no interval is known.
-
     @property
     def low(self) -> Tensor | None:
-        """Lower bound of the interval of one line, (F,)."""
-        return self.interval()[0] if self._known else None
+        """Lower bound of the interval of one line, (F,), for its file; None where none is known."""
+        return None if self.impedance.ndim > 1 or self.deviation is None else self.interval()[0]
 
     @property
     def high(self) -> Tensor | None:
-        """Upper bound of the interval of one line, (F,)."""
-        return self.interval()[1] if self._known else None
-
-    @property
-    def deviation(self) -> Tensor | None:
-        """Standard deviation of the draws of one line, or to first order, (F,)."""
-        if not self._known:
-            return None
-        return self.standard_error if self.draws is None else self.standard_deviation
-
-    @property
-    def _known(self) -> bool:
-        return self.impedance.ndim == 1 and (self.draws is not None or self.covariance is not None)
+        """Upper bound, likewise."""
+        return None if self.impedance.ndim > 1 or self.deviation is None else self.interval()[1]
 
 
 def deviation(values: Tensor) -> Tensor:
@@ -221,12 +197,7 @@ class WallEduction(DrawnImpedance):
     amplitudes: Tensor = var(*WAVES, unit="Pa", kind="complex", name="mode_amplitude", text="peak at the origin")
     origin: float = var(unit="m", text="x of the microphone nearest the source")
     singular_values: Tensor | None = var(
-        *EACH[:1],
-        "singular_value",
-        "frequency",
-        unit="Pa",
-        default=None,
-        text="of the prediction matrix; None for fits",
+        "draws", "singular_value", "frequency", unit="Pa", default=None, text="of the prediction matrix; None for fits"
     )
     rank: int | None = var(text="waves that were kept; None for fits", default=None)
     order: int | None = var(text="order of the prediction; None for fits", default=None)
@@ -236,13 +207,6 @@ class WallEduction(DrawnImpedance):
         *DrawnImpedance.DERIVED,
         Variable("energy_share", dims=EACH, text="energy of the wave of the impedance over that of the strongest"),
     )
-
-    def __post_init__(self) -> None:
-        require_shapes(flat(self, derived=False), self.method)
-        if self.singular_values is not None and self.singular_values.shape[-2] != self.order:
-            raise ValueError(
-                f"{self.method}: order is {self.order} of {self.singular_values.shape[-2]} singular values"
-            )
 
     def pressure_at(self, x: Tensor) -> Tensor:
         """Sum of all waves, peak, Pa, (..., X, F), at places x, m, (X,)."""
@@ -257,18 +221,14 @@ class WallEduction(DrawnImpedance):
         return places, self.pressure_at(places)
 
     @property
-    def energies(self) -> Tensor:
-        """Energy of each wave over the microphones, over that of the strongest, (..., K, F)."""
+    def energy_share(self) -> Tensor:
+        """Energy over the microphones of the wave whose impedance is given, over that of the strongest wave, (..., F);
+        nan where there is none."""
         along = (self.x - self.origin).to(self.modes.device)
         power = self.amplitudes.abs().log()[..., None] + self.modes.imag[..., None] * along
         total = (2 * power).logsumexp(-1)
-        return (total - total.amax(-2, keepdim=True)).exp()
-
-    @property
-    def energy_share(self) -> Tensor:
-        """``energies`` of the wave whose impedance is given, (..., F); nan where there is none."""
         mine = (self.modes - self.wavenumber[..., None, :]).abs().argmin(-2, keepdim=True)
-        share = self.energies.gather(-2, mine)[..., 0, :]
+        share = (total - total.amax(-2, keepdim=True)).exp().gather(-2, mine)[..., 0, :]
         return torch.where(torch.isnan(self.wavenumber), torch.nan, share)
 
 
@@ -276,10 +236,9 @@ class WallEduction(DrawnImpedance):
 class FieldFit(DrawnImpedance):
     """Impedance of a liner by fitting the linearised Euler equations to microphones.
 
-    The covariance is the Laplace approximation: inverse
-    of Gauss-Newton's Hessian with the amplitudes fitted too, for errors as stated or as the misfit asks for
-    (``error_scale``). It is infinite where the microphones do not tell the liner from a rigid wall, and too small near
-    that, where the error of 1/Z, abs(dZ)/abs(Z)^2, still holds.
+    The covariance is the Laplace approximation: inverse of Gauss-Newton's Hessian with the amplitudes fitted too, for
+    errors as stated or as the misfit asks for (``error_scale``). It is infinite where the microphones do not tell the
+    liner from a rigid wall, and too small near that, where the error of 1/Z, abs(dZ)/abs(Z)^2, still holds.
     """
 
     _: KW_ONLY
@@ -288,13 +247,7 @@ class FieldFit(DrawnImpedance):
     pressure: Tensor = var(*DRAWN, unit="Pa", kind="complex", name="fitted_pressure", text="peak of the fit")
     along: Tensor = var("place", unit="m", text="places from the first microphone to the last")
     pressure_along: Tensor = var(
-        "draws",
-        "place",
-        "frequency",
-        unit="Pa",
-        kind="complex",
-        name="fitted_pressure_along",
-        text="peak of the fit there",
+        *ALONG, unit="Pa", kind="complex", name="fitted_pressure_along", text="peak of the fit there"
     )
     misfit: Tensor = var(*EACH, text="chi squared over its degrees of freedom, 1 where all is right")
     converged: Tensor = var(*EACH, kind="flag", text="whether the last step was below the tolerance")
