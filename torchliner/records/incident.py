@@ -28,11 +28,8 @@ class Incident:
     band: Any = None
 
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
-        """On a record: float64, (T,); complex128, (F, T), if each frequency is a wave by itself.
-
-        Raises:
-            ValueError: frequencies beyond Nyquist (``sampling_rate`` in Hz), or a wave that does not suit the record.
-        """
+        """On a record: float64, (T,); complex128, (F, T), if each frequency is a wave by itself. A ValueError for
+        frequencies beyond Nyquist, or a wave that does not suit the record."""
         raise NotImplementedError
 
     def require_periodic(self, samples: int, sampling_rate: float) -> None:
@@ -92,13 +89,10 @@ class Tones(ComplexTones):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        count = len(self.frequency)
-        order = torch.arange(count, dtype=torch.float64)
+        count, order = len(self.frequency), torch.arange(len(self.frequency), dtype=torch.float64)
         phase = -torch.pi * order * (order + 1) / count if self.phase is None else self.phase
-        for name, value in (("amplitude", real_tensor(self.amplitude)), ("phase", real_tensor(phase))):
-            if value.numel() not in (1, count):
-                raise ValueError(f"{name} has {value.numel()} values for {count} tones; give one, or one for each")
-            object.__setattr__(self, name, value.reshape(-1).cpu().expand(count))
+        for name, value in (("amplitude", self.amplitude), ("phase", phase)):
+            object.__setattr__(self, name, real_tensor(value).reshape(-1).cpu().expand(count))
         shown = map(_listed, (self.frequency, self.amplitude, self.phase))
         object.__setattr__(self, "label", "tones {} Hz, amplitude {}, phase {} rad".format(*shown))
 
@@ -135,16 +129,12 @@ class Sweep(_Banded):
     NAME: ClassVar[str] = "{spacing} sweep {low:g}-{high:g} Hz"
     spacing: str = "linear"
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_choice("sweep", self.spacing, SWEEPS)
-
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """float64, (T,)."""
         from scipy.signal import chirp  # its import takes half a second
 
         frequency_tensor(self.high, sampling_rate)
-        method: Any = self.spacing
+        method: Any = require_choice("sweep", self.spacing, SWEEPS)
         times = torch.arange(samples, dtype=torch.float64).numpy() / sampling_rate
         return torch.from_numpy(chirp(times, self.low, samples / sampling_rate, self.high, method=method, phi=-90.0))
 
@@ -173,10 +163,8 @@ class BandNoise(_Banded):
 
 @dataclass(frozen=True, eq=False)
 class Recorded(Incident):
-    """A recorded wave in any unit, (T,), as long as the record of the velocity and at its sampling rate (Hz).
-
-    ``label`` is for messages, such as the name of its file.
-    """
+    """A recorded wave in any unit, (T,), as long as the record of the velocity and at its sampling rate (Hz); ``label``
+    is for messages, such as the name of its file."""
 
     edge: ClassVar[str] = "silent"
     signal: Any
@@ -206,21 +194,16 @@ def _listed(values: Tensor) -> str:
 
 
 def as_incident(incident: Any, tones: type[ComplexTones]) -> Incident:
-    """A wave itself; one from a text, ``tones:500,900``, ``sweep:300:6000[:logarithmic]`` or
-    ``noise:300:6000[:seed]``; or ``tones`` from their frequencies in Hz."""
+    """A wave itself; one from a text, as of ``EXAMPLES``; or ``tones`` from their frequencies in Hz."""
     if isinstance(incident, Incident):
         return incident
     if not isinstance(incident, str):
         return tones(incident)
-    kind, _, rest = incident.partition(":")
+    kind, *words = incident.replace(",", ":").split(":") if incident.startswith("tones") else incident.split(":")
     try:
         if kind == "tones":
-            return Tones([float(f) for f in rest.split(",")])
-        low, high, *more = rest.split(":", 2)
-        own: list[Any] = [int(each) if kind == "noise" else each for each in more]
-        return {"sweep": Sweep, "noise": BandNoise}[kind](float(low), float(high), *own)
-    except (KeyError, ValueError) as error:
-        raise ValueError(
-            f"incident signal {incident!r} cannot be read ({error}); write {EXAMPLES} or read a file with "
-            "tl.read_signal"
-        ) from error
+            return Tones([float(f) for f in words])
+        own: list[Any] = [int(each) if kind == "noise" else each for each in words[2:]]
+        return {"sweep": Sweep, "noise": BandNoise}[kind](float(words[0]), float(words[1]), *own)
+    except (LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"incident {incident!r} cannot be read; write {EXAMPLES}, or use tl.read_signal") from error

@@ -89,32 +89,23 @@ class LevelCheck:
         return f"{', '.join(parts)} {verdict}" if verdict else "-"
 
     def sentence(self, averaging: str, frequency: float, index: int = 0) -> str:
-        """Why one averaging fails or is inconclusive at a frequency, what that excludes, what to try; "" otherwise."""
+        """Why one averaging fails or is inconclusive at a frequency, and what to try; "" otherwise."""
         verdict = self.verdict(averaging, index)
         if verdict in ("", PASSES):
             return ""
         start = (
-            f"level check at {frequency:g} Hz {'fails' if verdict == FAILS else 'is inconclusive'}, {averaging}: "
-            f"{self.words(averaging, index).removesuffix(verdict).strip()} off {self.known}, beyond the limit of "
+            f"level check at {frequency:g} Hz, {averaging}: {self.words(averaging, index)}, off {self.known}, limit "
             f"{self.limit:.2g} dB or {self.limit * DEGREES_PER_DB:.2g} degrees"
         )
         if verdict == INCONCLUSIVE:
-            return f"{start}, and the interval reaches back: take a longer record"
-        off = float(self.liner.level[self.averagings.index(averaging), index])
-        excluded = "The size is right, so it is the reactance of the model that is wrong"
-        if abs(off) > self.limit:
-            excluded = (
-                "The velocity is not that of the cell, or the model is wrong, or the level is "
-                f"{float(self.pressure_level[index]) + off:.1f} dB, which Z and velocity imply"
-            )
+            return f"{start}: take a longer record"
+        implied = float(self.pressure_level[index] + self.liner.level[self.averagings.index(averaging), index])
         passing = " and ".join(each for each in self.averagings if self.verdict(each, index) == PASSES)
-        tried = f"{passing} passes: take it"
-        if not passing:
-            tried = (
-                "no averaging passes: give a run without sound (--background), calibrate the model, check the level, "
-                "or take another height"
-            )
-        return f"{start}. {excluded}; {tried}"
+        tried = "give a run without sound (--background), calibrate the model, or take another height"
+        return (
+            f"{start}. The velocity is not that of the cell, or the model is wrong, or the level is {implied:.1f} dB; "
+            f"{f'{passing} passes: take it' if passing else tried}"
+        )
 
 
 def level_check_of(

@@ -30,14 +30,8 @@ class Note:
 
 
 def plane_notes(plane: Any, frequency: float | None, cell_pitch: float | None = None) -> list[Note]:
-    """Why numbers of a plane may be in other units than Hz, m and dB, or not be meant; and whether it lies too high
-    above a liner to see its cells.
-
-    Args:
-        plane: a ``VelocityPlane``.
-        frequency: the lowest that is asked for, Hz; None if none is.
-        cell_pitch: of the liner, m.
-    """
+    """Why numbers of a ``VelocityPlane`` may be in other units than Hz, m and dB, or not be meant; and whether it lies
+    too high above a liner, of a ``cell_pitch`` in m, to see its cells. ``frequency``: the lowest asked for, Hz."""
     name, rate, spans = plane.name, plane.sampling_rate, []
     for key in "xz":
         if (at := getattr(plane, key)) is not None:

@@ -14,7 +14,7 @@ from decimal import Decimal
 from itertools import groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -73,11 +73,7 @@ def state_of(path: Path) -> State:
 
 def input_file(what: str, path: str | Path) -> dict[str, Any]:
     """What is stored of an input, a file, a folder or a file that stands for a series: what it is (velocity, liner
-    ...), its name as given, bytes, fingerprint.
-
-    Raises:
-        OSError: it cannot be read.
-    """
+    ...), its name as given, bytes, fingerprint. An OSError where it cannot be read."""
     files = [(name, size) for name, size, *_ in state_of(Path(path))]
     total = sum(size for _, size in files)
     if len(files) == 1 and total <= BLOCKS * BLOCK:
@@ -94,19 +90,9 @@ def input_file(what: str, path: str | Path) -> dict[str, Any]:
     return {"what": what, "name": str(path), "bytes": total, "hash": found.hexdigest()}
 
 
-def described(stored: Mapping[str, Any]) -> str:
-    """An input in words."""
-    blocks = f" of sizes and {BLOCKS} blocks" if stored["bytes"] > BLOCKS * BLOCK else ""
-    return f"{stored['name']}, {stored['bytes']:,} bytes; SHA-256{blocks}: {stored['hash']}"
-
-
 def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str, Any]:
-    """For the ``choices`` of a result: ``inputs``, ``versions`` and what else is given.
-
-    Args:
-        named: what an input is and its name, FILE or FILE:/dataset; names that are no files are of data in memory.
-        more: values that are kept where they are not None.
-    """
+    """For the ``choices`` of a result: ``inputs``, ``versions`` and what else is given and not None. ``named``: what an
+    input is and its name, FILE or FILE:/dataset; names that are no files are of data in memory."""
     files: dict[tuple[str, str], None] = {}
     for what, name in named:
         text, inside, _ = str(name).partition(":/")
@@ -126,24 +112,21 @@ def with_choices(result: Result, **more: Any) -> Result:
     return replace(result, choices={**result.choices, **more})
 
 
-class Standing(NamedTuple):
-    """Whether an input is what it was: in words, and whether it is another now."""
+def described(stored: Mapping[str, Any]) -> str:
+    """An input in words."""
+    blocks = f" of sizes and {BLOCKS} blocks" if stored["bytes"] > BLOCKS * BLOCK else ""
+    return f"{stored['name']}, {stored['bytes']:,} bytes; SHA-256{blocks}: {stored['hash']}"
 
-    words: str
-    changed: bool = False
 
-
-def standing(stored: Mapping[str, Any]) -> Standing:
-    """Of an input that a result holds. A result may name any file, and a page is handed on: no present hash is shown,
-    and no folder is searched."""
+def standing(stored: Mapping[str, Any]) -> tuple[str, bool]:
+    """Of an input that a result holds: whether it is what it was, in words, and whether it is another now. A result may
+    name any file, and a page is handed on: no present hash is shown, and no folder is searched."""
     name = str(stored["name"])
     if not os.path.isfile(name):
-        return Standing("a folder, not compared" if os.path.isdir(name) else "not there now")
+        return "not there now, or a folder, not compared", False
     try:
         now = input_file(stored["what"], name)
     except OSError as error:
-        return Standing(f"not compared: {error.strerror or error}")
-    if now["bytes"] != stored["bytes"]:
-        return Standing(f"another file now, of {now['bytes']:,} bytes", True)
-    same = now["hash"] == stored["hash"]
-    return Standing("unchanged" if same else "another file of the same size now", not same)
+        return f"not compared: {error.strerror or error}", False
+    same = (now["bytes"], now["hash"]) == (stored["bytes"], stored["hash"])
+    return "unchanged" if same else "another file now", not same

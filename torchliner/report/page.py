@@ -70,17 +70,17 @@ def write_page(answer: Answer, path: str | Path) -> None:
     environment.globals.update(csv=csv_link, svg=svg_link)
     stated = {name: value for name, value in answer.choices.items() if name not in APART}
     rows = [{"choice": name.replace("_", " "), "value": text} for name, text in flat_words(stated)]
-    inputs = [(each, standing(each)) for each in inputs_of(*answer.results)]
+    inputs = [(each, *standing(each)) for each in inputs_of(*answer.results)]
     changed = [
-        Note("changed-input", f"{each['what']}: {each['name']} is {now.words}; it is not what the result was made of")
-        for each, now in inputs
-        if now.changed
+        Note("changed-input", f"{each['what']}: {each['name']} is {words}; it is not what the result was made of")
+        for each, words, other in inputs
+        if other
     ]
     html = environment.from_string(template).render(
         answer=answer,
         warnings=ordered([*changed, *answer.notes]),
         choices=[Grid("choices", "Every choice behind the result.", table_of(rows, "choice,value"))] if rows else [],
-        origin=[*((each["what"], f"{described(each)}; {now.words}") for each, now in inputs), *_made_by(answer)],
+        origin=[*((each["what"], f"{described(each)}; {words}") for each, words, _ in inputs), *_made_by(answer)],
         cite=CITE,
         most=MOST_ROWS,
         css=css,
