@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from conftest import FREQUENCY, PARAMETERS, RATE, Resistive, frozen_plane, plane_of, turbulence
+from conftest import FREQUENCY, PARAMETERS, RATE, frozen_plane, plane_of, turbulence
 from torch.autograd import forward_ad
 
 import torchliner as tl
@@ -129,17 +129,9 @@ def test_tolerances_without_meaning_are_refused(tolerances, message):
         tl.sensitivities(cells_plane(), model(), tolerances=tolerances)
 
 
-class Broken(Resistive):
-    def impedance(self, frequency, speed=0.0):
-        speed = torch.as_tensor(speed)
-        return torch.complex(float(self.a) * speed + 0 * frequency, 0 * speed * frequency)
-
-
-@pytest.mark.filterwarnings("ignore:Converting a tensor with requires_grad")
 @pytest.mark.parametrize(
     ("liner", "changes", "error", "message"),
     [
-        (Broken(0.2, 0.15, 1e-4, 0.04), {"parameters": ["a"]}, ValueError, r"no derivative in a.*float\(\)"),
         (model(), {"parameters": ["cavity_dept"]}, ValueError, "'cavity_dept'.*cavity_depth"),
         (model(), {"phase": "given"}, ValueError, "takes phase 'averaged'"),
         (object(), {}, TypeError, "without impedance"),

@@ -76,8 +76,8 @@ def calibrate_without_flow(
     """Fit a liner to runs without flow at one or several levels, with the law of lost mass that predicts them best.
 
     Free are the contraction coefficient and, with two levels or more, both parts of the linear offset. The law is that
-    of the liner, or ``EndLossSDoFLiner`` with its usual coefficients if it predicts reactances better that it was not
-    fitted to: each but that of the lowest level is left out in turn (of a single run its own).
+    of the liner, or ``EndLossSDoFLiner`` if it predicts reactances better that it was not fitted to: each but that of
+    the lowest level is left out in turn (of a single run its own).
 
     Args:
         planes, references, choices: as of ``calibrate``, without flow; averaging ``phase-locked`` by default.
