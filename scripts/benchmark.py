@@ -17,10 +17,8 @@ import torch
 from benchmarks import engine, files, methods
 from common import options_of, parser_of
 
-ENGINE, METHODS = (engine.engine, engine.stream), (methods.studies, methods.bursts, methods.duct)
-PARTS: dict[str, Callable[[Any], None]] = {
-    work.__name__: work for work in (*ENGINE, *METHODS, files.cold, files.memory, files.workers)
-}
+WORKS = (engine.engine, methods.studies, methods.bursts, methods.duct, files.cold, files.memory)
+PARTS: dict[str, Callable[[Any], None]] = {work.__name__: work for work in WORKS}
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
-"""How often the 95 % intervals hold the known value, of planes, laser Doppler stations and lines of microphones.
+"""How often the 95 % intervals hold the known value, of planes and of lines of microphones.
 
-    python scripts/coverage.py [planes | stations | waves] [--trials N]
+    python scripts/coverage.py [planes | waves] [--trials N]
 
 ``planes``: velocity is Gaussian turbulence of 3 m/s rms, alone or beside a tone of 3 m/s that all probes share. E[R]
 follows from quadrature over the turbulence and the phase of the tone, so that the truth is Z(E[R]) of the liner `onera`
@@ -9,9 +9,6 @@ a standard error of 0.5 %. A (z, x) plane holds many trials: each column is a li
 averaged over z goes the same way through the code as that of a whole liner; its cells and probes are trials, too. A
 short record is off in the mean, because the admittance of probes is not linear in it, and phase-locked averaging takes
 off some of its turbulence: the intervals are to hold the known value nevertheless.
-
-``stations``: bursts of 10 s at random arrivals, held until the next one (a held value has the distribution of the
-velocity itself, so that the truth is the same), educed by segments of 1 s; ten of them are a line.
 
 ``waves``: 12 microphones above a wall of three known impedances (600, 1000, 1500 Hz; M = 0.3), with the wave from the
 source, a share 0.3 + 0.2j of it coming back, and errors of level and phase that are a multiple of those assumed. The
@@ -50,7 +47,6 @@ AVERAGINGS = ("admittance", "phase-locked")
 AT_ONCE = 2_000_000  # samples of a plane
 # Liners: cells, probes in each, and whether these share half of their energy or none.
 COLUMNS = {"liner of 8 cells": (8, 16, True), "liner of 200": (1, 200, False)}
-STATION, ARRIVALS, IN_A_LINE = 10.0, 4200.0, 10  # s; a second; stations
 HEIGHT, MACH, BACK = 0.05, 0.3, 0.3 + 0.2j  # of waves
 FREQUENCIES = torch.tensor([600.0, 1000.0, 1500.0], dtype=torch.float64)
 WALLS = torch.tensor([0.8 - 1.2j, 1.5 + 0.3j, 2.33 - 0.3j], dtype=torch.complex128)
@@ -152,30 +148,6 @@ def planes(trials: int = 2000) -> Rows:
         yield from rows_of(name, spectrum, periods, trials)
 
 
-def bursts(spectrum: str, seed: int) -> tl.BurstRecord:
-    """A station of ``STATION`` seconds."""
-    random = torch.Generator().manual_seed(seed)
-    values = turbulence(spectrum, (), round(STATION * RATE), random)
-    met = torch.rand(len(values), generator=random) < ARRIVALS / RATE
-    times = torch.arange(len(values), dtype=torch.float64)[met] / RATE
-    return tl.BurstRecord(times, wall_normal=values[met], x=float(seed), y=1e-3, z=0.0, name=f"station {seed}")
-
-
-def stations(trials: int = 600) -> Rows:
-    """Of stations, and of lines of ten."""
-    how: dict[str, Any] = {"method": "hold", "correction": "none", "grid_rate": 2 * ARRIVALS, "flagged": "use"}
-    liner = tl.load_liner("onera")
-    for spectrum in SPECTRA:
-        found: dict[str, list[Educed]] = {"station": [], f"line of {IN_A_LINE}": []}
-        for first in range(0, trials, IN_A_LINE):
-            records = [bursts(spectrum, first + i) for i in range(IN_A_LINE)]
-            line: Any = tl.educe_bursts(records, liner, FREQUENCY, monte_carlo=2, **how)
-            for parts, each in zip(found.values(), (line, line.average), strict=True):
-                parts.append(Educed(tl.reflection_from_impedance(each.impedance), each.interval))
-        for of, parts in found.items():
-            yield {"of": of, "spectrum": spectrum} | summary(parts, true_impedance(liner, 0.0))
-
-
 def clean_line(side: str) -> tl.MicrophoneLine:
     """Pressures of both waves, 100 Pa at the microphone next to the source."""
 
@@ -206,7 +178,7 @@ def waves(trials: int = 200) -> Rows:
         yield {"method": method, "source": side, "errors": size, "held (%)": 100 * held}
 
 
-PARTS: dict[str, Callable[..., Rows]] = {each.__name__: each for each in (planes, stations, waves)}
+PARTS: dict[str, Callable[..., Rows]] = {each.__name__: each for each in (planes, waves)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""A plane in memory to its map, and a plane that streams by."""
+"""A plane in memory to its map."""
 
 import functools
 import os
@@ -90,18 +90,3 @@ def of_one_way(v: Tensor, name: str) -> None:
         many = plain_means(part, MANY)
         educe(f"60 frequencies, {bars}", v, plane, many, "admittance", frequency=MANY, interval=level)
     educe("one probe", long, one_probe, plain_means(long, [TONE]), "admittance", averaging="admittance")
-
-
-def stream(options: Any) -> None:
-    """Pieces of four periods as they come: how many probes one machine keeps up with, and how soon a map is there."""
-    v, liner = noise(options).cpu(), tl.load_liner("onera")
-    length = round(4 * RATE / TONE)
-    piece = v[:length].T
-    for bars, level in (("error bars", 0.95), ("no error bars", None)):
-        first = tl.VelocityPlane(piece, sampling_rate=RATE, frequency=TONE, x=plane_of(v).x, name="stream")
-        growing = tl.GrowingMoments(first, cell_pitch=liner.cell_pitch, interval=level)
-        seconds, _ = best(functools.partial(growing.update, piece))
-        map_seconds, _ = best(functools.partial(growing.educe, liner, interval=level))
-        keeps_up = f"keeps up with {v.shape[1] * length / RATE / seconds:.0f} probes at 200 kHz"
-        row(f"stream, a piece of {length} samples", seconds, keeps_up, samples=v.shape[1] * length)
-        row(f"stream, its map, {bars}", map_seconds)

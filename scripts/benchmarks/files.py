@@ -16,7 +16,6 @@ import torchliner as tl
 from benchmarks.harness import apart, row
 from torchliner.engine import native
 from torchliner.records.slabs import bounds_of, read_ahead
-from torchliner.velocity.workers import open_cluster
 
 ACROSS, ALONG, RATE, TONE = 50, 548, 200e3, 1400.0
 PITCH, IN_CELL = 9.9e-3, 25  # m, probes along a cell
@@ -110,29 +109,3 @@ def memory(options: Any) -> None:
         with plane_file(options.folder, gigabytes) as path:
             seconds, peak = educe_apart(path)
             row(f"educe, a file of {path.stat().st_size / 1e9:.2f} GB", seconds, f"peak {peak:.0f} MB")
-
-
-def workers(options: Any) -> None:
-    """A file in the page cache: here, by one worker, by two; what keeping finished shares costs; the same bits."""
-    native.available()
-    torch.set_num_threads(1)
-    with plane_file(options.folder, 4.0 if options.full else 1.0) as path:
-        row("raw read, from the cache", raw_read(path))
-
-        def moments(name: str, **options: Any) -> tl.Moments:
-            about: dict[str, Any] = {} if "liner" in options else {"cell_pitch": PITCH}
-            begin, cpu = time.perf_counter(), time.process_time()
-            found = tl.moments(tl.read_plane(path, lazy=True), averaging="admittance", **about, **options)
-            seconds, cpu = time.perf_counter() - begin, time.process_time() - cpu
-            row(name, seconds, f"{cpu:.2f} s CPU in this process", samples=path.stat().st_size // 4)
-            return found
-
-        here = moments("here, one thread")
-        moments("here, shares kept", kept=path.parent / "parts")
-        moments("here, for one liner", liner=tl.load_liner("polito"))
-        for count in (1, 2):
-            with open_cluster(f"local:{count}") as client:
-                client.run(native.available)
-                there = moments(f"workers: {count}", client=client)
-            if not all(torch.equal(sums, there.sums[name]) for name, sums in here.sums.items()):
-                raise SystemExit("other bits")

@@ -46,8 +46,7 @@ def load_liner(name: str | Path) -> LinerModel:
         name: one of ``preset_names()``, or a path that ends in .toml, .csv or .py (which is run; it has
             ``impedance(frequency, speed)`` or an object ``liner``).
     Raises:
-        ValueError: no such preset, a file with mistakes (missing and unknown keys, with the nearest valid one).
-        FileNotFoundError: no such file.
+        ValueError: no such preset, a file with mistakes.  FileNotFoundError: no such file.
 
     >>> liner = tl.load_liner("polito")
     >>> [f"{z:.2f}" for z in liner.impedance(1400.0, [0.0, 5.0]).tolist()]  # |v| = 0, 5 m/s
@@ -138,10 +137,8 @@ def _python_liner(path: Path) -> LinerModel:
     members = {name: getattr(source, name) for name in STATED if getattr(source, name, None) is not None}
     function = members.get("impedance")
     if not callable(function) or not isinstance(members.get("fluid", Fluid()), Fluid):
-        raise ValueError(
-            f"{path} must define a function impedance(frequency, speed), which returns Z normalised by rho c, or an "
-            "object 'liner' with one; fluid, if it is stated, is a torchliner.Fluid"
-        )
+        wanted = "a function impedance(frequency, speed), or an object 'liner' with one; fluid is a torchliner.Fluid"
+        raise ValueError(f"{path} must define {wanted}")
     digest = hashlib.sha256(text.encode()).hexdigest()
     facts = {"model": "python", "name": path.stem, "file": path.name, "sha256": digest}
     facts |= {name: plain(value) for name, value in members.items() if not callable(value)}
@@ -162,5 +159,5 @@ def _python_liner(path: Path) -> LinerModel:
 def _where(error: BaseException, path: Path) -> str:
     """File, last line of it that an error came through, and the error."""
     lines = [each.lineno for each in traceback.extract_tb(error.__traceback__) if each.filename == str(path)]
-    last = error.lineno if isinstance(error, SyntaxError) else [0, *lines][-1]
+    last = getattr(error, "lineno", [0, *lines][-1])
     return f"{path}, line {last}: {type(error).__name__}: {getattr(error, 'msg', error)}"

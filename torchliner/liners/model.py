@@ -25,10 +25,7 @@ from torchliner.fluid import Fluid
 from torchliner.units import SI_QUANTITY
 
 SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
-STATED = (
-    *("impedance", "describe", "cell_pitch", "fluid", "frequency_range", "speed_max"),
-    *("surface_porosity", "hole_diameter"),
-)
+STATED = "impedance describe cell_pitch fluid frequency_range speed_max surface_porosity hole_diameter".split()
 
 
 @dataclass(frozen=True)
@@ -220,10 +217,9 @@ def as_liner(liner: Any) -> LinerModel:
 def named_numbers(liner: LinerModel, names: Iterable[str] | None = None) -> dict[str, Number]:
     """The numbers of these names, groups as their parts; all of them for None. TypeError where the model states none,
     ValueError for an unknown name (the nearest is given)."""
-    numbers = liner.numbers()
-    if not numbers:
+    if not (numbers := liner.numbers()):
         what = f"{type(liner).__name__}, whose numbers() names no parameter to vary"
-        raise TypeError(f"liner is {what}; your own model states them by the types of its fields (CONTRIBUTING.md)")
+        raise TypeError(f"liner is {what}; a model states them by the types of its fields (CONTRIBUTING.md)")
     found: dict[str, Number] = {}
     for name in numbers if names is None else names:
         if name not in liner.groups:
@@ -249,10 +245,10 @@ def impedance_of(liner: Liner, frequency: Tensor, speed: Tensor, name: str = "")
         found = torch.as_tensor(array.astype(np.complex128))
     found = found.to(torch.complex128)
     if not bool(torch.isfinite(found.detach().abs()).all()) or bool((found == -1).any()):
-        raise ValueError(
-            f"{name} gave nan, inf or -1 between {float(frequency.min()):g} and {float(frequency.max()):g} Hz and up "
-            f"to {float(speed.max()):g} m/s; R = (Z - 1)/(Z + 1) has no value there"
+        band = (
+            f"between {float(frequency.min()):g} and {float(frequency.max()):g} Hz and up to {float(speed.max()):g} m/s"
         )
+        raise ValueError(f"{name} gave nan, inf or -1 {band}, where R = (Z - 1)/(Z + 1) has no value")
     shape = np.broadcast_shapes(frequency.shape, speed.shape)
     try:
         broadcast: Tensor = found.broadcast_to(shape)

@@ -95,8 +95,7 @@ class Multipole:
         resolve("torchliner.io.result_writers:write_multipole")(self, path)
 
     def __repr__(self) -> str:
-        low, high = self.band
-        return f"Multipole({len(self.poles)} poles, {low:g} to {high:g} Hz, R within {self.error:.2g})"
+        return f"Multipole({len(self.poles)} poles, {self.band} Hz, R within {self.error:.2g})"
 
 
 def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) -> Multipole:
