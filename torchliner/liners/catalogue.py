@@ -14,7 +14,6 @@ from torch import Tensor
 from torchliner import file_checks
 from torchliner.checks import real_tensor
 from torchliner.file_checks import FluidTable, preset_or_file, read_text, validated
-from torchliner.fluid import Fluid
 from torchliner.liners.laws import LAWS
 from torchliner.liners.layered import Cavity
 from torchliner.liners.model import STATED, LinerModel, arguments_of, as_liner, impedance_of, plain
@@ -125,35 +124,31 @@ def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
 def _python_liner(path: Path) -> LinerModel:
     """The liner of a Python file: an object ``liner``, or a function ``impedance(frequency, speed)`` of tensors (Hz,
     m/s), beside it perhaps names of ``model.STATED``. Errors, also when the function is called, name file and line."""
-    text = read_text(path)
-    names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
+    text, names = read_text(path), dict[str, Any](__name__=path.stem, __file__=str(path))
     try:
         exec(compile(text, str(path), "exec"), names)
     except (Exception, SystemExit) as error:
         raise ValueError(_where(error, path)) from error
-    source = names.get("liner", SimpleNamespace(**names))
+    source = names.get("liner", SimpleNamespace(**{name: names[name] for name in STATED if name in names}))
     if isinstance(source, LinerModel):
         return source
-    members = {name: getattr(source, name) for name in STATED if getattr(source, name, None) is not None}
-    function = members.get("impedance")
-    if not callable(function) or not isinstance(members.get("fluid", Fluid()), Fluid):
-        wanted = "a function impedance(frequency, speed), or an object 'liner' with one; fluid is a torchliner.Fluid"
+    if not callable(getattr(source, "impedance", None)):
+        wanted = "a function impedance(frequency, speed), or an object 'liner' with one"
         raise ValueError(f"{path} must define {wanted}")
+    stated = {name: plain(getattr(source, name)) for name in STATED[2:] if hasattr(source, name)}
     digest = hashlib.sha256(text.encode()).hexdigest()
-    facts = {"model": "python", "name": path.stem, "file": path.name, "sha256": digest}
-    facts |= {name: plain(value) for name, value in members.items() if not callable(value)}
-
-    def guarded(f: Tensor, v: Tensor) -> Any:
-        try:
-            return function(f, v)
-        except Exception as error:
-            raise ValueError(f"{_where(error, path)} (frequency {tuple(f.shape)}, speed {tuple(v.shape)})") from error
+    facts = {"model": "python", "name": path.stem, "file": path.name, "sha256": digest, **stated}
 
     def impedance(frequency: Any, speed: Any = 0.0) -> Tensor:
-        name, own = f"{path}: impedance(frequency, speed)", SimpleNamespace(impedance=guarded)
-        return impedance_of(own, real_tensor(frequency), real_tensor(speed), name)
+        name = f"{path}: impedance(frequency, speed)"
+        try:
+            return impedance_of(source, real_tensor(frequency), real_tensor(speed), name)
+        except Exception as error:
+            raise ValueError(str(error) if name in str(error) else _where(error, path)) from error
 
-    return as_liner(SimpleNamespace(**{"describe": lambda: dict(facts), **members, "impedance": impedance}))
+    found = as_liner(source)
+    found.settle(**{"describe": lambda: dict(facts)} if not hasattr(source, "describe") else {}, impedance=impedance)
+    return found
 
 
 def _where(error: BaseException, path: Path) -> str:

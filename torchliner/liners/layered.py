@@ -126,8 +126,8 @@ def air_state(fluid: Fluid) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Cavity(Declared):
-    """An air column with losses at its walls, eq. (2.2d): depth h, hydraulic radius r_c (D/2 for a square cavity of side
-    D), m; porosity phi, its share of the cell."""
+    """An air column with losses at its walls, eq. (2.2d): depth h and hydraulic radius r_c (D/2 for a square cavity of
+    side D), m; porosity phi, its share of the cell."""
 
     kind = "cavity"
     depth: Depth

@@ -80,10 +80,8 @@ class TabulatedLiner(LinerModel):
             speed, column = np.unique(columns.get("speed", np.zeros(len(row))), return_inverse=True)
             values = np.full((len(frequency), len(speed)), np.nan, dtype=complex)
             values[row, column] = columns["resistance"] + 1j * columns["reactance"]
-            if len(row) > np.isfinite(values).sum():
-                raise ValueError("row(s) repeat a frequency and speed")
-            for f, v in np.argwhere(np.isnan(values))[:1]:
-                raise ValueError(f"no row for {frequency[f]:g} Hz and {speed[v]:g} m/s; the grid is full")
+            if len(row) != values.size or np.isnan(values).any():
+                raise ValueError("each frequency needs one row for each speed")
             axes = (values[:, 0],) if "speed" not in columns else (values, speed)
             return cls(frequency, *axes, **options)
 
