@@ -21,12 +21,7 @@ OWN_FILES = (".toml", ".csv", ".py", ".txt", ".wav", ".npy", ".mat", *HDF5)  # b
 @contextmanager
 def passed(command: str, declared: Sequence[Option], options: argparse.Namespace) -> Iterator[list[str]]:
     """Test all files that the options name; within the block none of the inputs can be lost. Yields the inputs, as the
-    user named them. An output without an ending is a folder: it is made, and the output is a file in it.
-
-    Raises:
-        ValueError, OSError: an input is missing, a device or named twice; an output is an input or another output, has
-            a wrong ending, or cannot be written.
-    """
+    user named them. An output without an ending is a folder: it is made, and the output is a file in it."""
     given = [
         (each, each.kind, one)
         for each in declared

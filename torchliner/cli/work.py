@@ -107,11 +107,8 @@ def write_text(text: str, path: Path, *, anew: bool = False) -> None:
 
 
 def show(options: argparse.Namespace, found: Any, write: Callable[[Path], Any] | None = None, **about: Any) -> None:
-    """The rule of every command: write --output, draw --figure, print the answer as text or, with --json, its values.
-
-    ``found`` is a result, with what ``answer_of`` wants to know besides, or an ``Answer``; ``write`` takes the path, by
-    default the rows are written as CSV.
-    """
+    """The rule of every command: write --output (default the rows as CSV), draw --figure, print the answer, an
+    ``Answer`` or that of a result, as text or, with --json, its values."""
     answer = found if isinstance(found, Answer) else answer_of(found, **about)
     if (path := getattr(options, "output", None)) is not None:
         (write or answer.table.write_csv)(path)

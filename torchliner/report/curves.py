@@ -35,9 +35,6 @@ VELOCITIES = {
 }
 
 
-# Rows.
-
-
 def impedance_along_x(result: ImpedanceMap, frequency_index: int = 0) -> list[Row]:
     """Z along x, the admittance averaged over z, and the bounds of its interval if known."""
     x, average = over_z(result.x, result.probes["admittance"].admittance[..., frequency_index])
@@ -100,9 +97,6 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Tensor, Tensor]:
     return points.double(), total / torch.bincount(member[known], minlength=len(points))
 
 
-# What is known from elsewhere.
-
-
 def references_of(result: ImpedanceMap, index: int) -> dict[str, complex]:
     """Independent impedances of the case, the file's "true" first; Goodrich's where the flow is known."""
     known = result.reference_at(index)
@@ -126,9 +120,6 @@ def known_of(result: ImpedanceMap, index: int) -> dict[str, tuple[complex, Any]]
             z = complex(other.liner[each].impedance[f])
             found[f"{other.name}, {word}"] = z, other.bounds_of_liner(each, f)
     return found
-
-
-# Pictures.
 
 
 def draw_result(

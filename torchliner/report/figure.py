@@ -81,9 +81,6 @@ def _shown() -> Any:
     return Shown
 
 
-# Panels.
-
-
 def subplots(rows: int, columns: int, height: float) -> tuple[Figure, Any]:
     """A figure and its axes (rows, columns), lettered where there are several."""
     figure = _shown()(figsize=(WIDTH, height))
@@ -210,9 +207,6 @@ def frame(axis: Any, sides: str = "y", poles: bool = False) -> None:
         x, y = (np.asarray(each, dtype=float) for each in line.get_data())
         far = np.flatnonzero(np.abs(np.diff(y)) > high - low) + 1
         line.set_data(np.insert(x, far, np.nan), np.insert(y, far, np.nan))
-
-
-# Words, and the end.
 
 
 def plain_label(text: str) -> str:

@@ -105,9 +105,7 @@ def _inspection(plane: VelocityPlane, seen: Survey, good: Tensor, failures: list
                     f"mean |v0| is {100 * share:.2g} % of the bulk velocity, {bulk:.4g} m/s, above "
                     "1 %: the velocity components may be misaligned"
                 )
-    return Inspection(
-        facts, failures, [name for name in OPTIONAL if (value := getattr(plane, name)) is None or value == ""]
-    )
+    return Inspection(facts, failures, [name for name in OPTIONAL if getattr(plane, name) in (None, "")])
 
 
 def _range(values: Tensor) -> str:

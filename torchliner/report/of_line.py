@@ -21,10 +21,7 @@ from torchliner.report.table import Row, table_of
 from torchliner.studies.variants import rows_of
 
 OF_STATION = ("x", "y", "rate", "mean_velocity", "velocity_rms")
-STATIONS = (
-    "station,x,y,frequency,impedance,interval,segment_spread,mean_velocity,velocity_rms,tone_velocity,coherence,"
-    "attenuation,rate,flags,dropped"
-)
+STATIONS = "station,x,y,frequency,impedance,interval,segment_spread,mean_velocity,velocity_rms,coherence,flags,dropped"
 COMPONENTS = {"v": "wall_normal", "u": "streamwise"}
 MOMENTS = ("mean", "rms", "weighted_mean", "weighted_rms")
 WHY = "Intervals are of the finite record. Pressure first: what the reflected plane wave sees; admittance: the paper's."
@@ -94,7 +91,6 @@ def of_stations(*stations: Station) -> Answer:
             row |= {f"{short} {key} (m/s)": math.nan if v is None else float(v) for key, v in values.items()}
         rows.append(row | {"flags": list(one.flags), "flagged": "; ".join(one.flags)})
         remarks += [f"{one.name}: {n} dropped: {why}" for why, n in kept.dropped.items()]
-        remarks += [] if seen.weighted else [f"{one.name}: no transit times, weighted moments are not weighted"]
     shown = "station,x,y,z,bursts,dropped,duration,rate,longest_gap,v mean (m/s),v rms (m/s),u mean (m/s),u rms (m/s)"
     return Answer(
         title=f"{len(stations)} stations of bursts",

@@ -155,9 +155,6 @@ def of_curve(curve: LevelCurve) -> Answer:
     )
 
 
-# Fits.
-
-
 def of_fit(found: Fit, predicted: Sequence[Any] = (), words: str = "") -> Answer:
     """Parameters, correlations, misfit; predictions of other planes; ``words``: how the law was found."""
     names, spread = found.law.names, found.standard
