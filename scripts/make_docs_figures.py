@@ -6,7 +6,6 @@ python scripts/make_docs_figures.py
 import warnings
 
 import b2a_line
-import calibrate_resolved
 import figure_13
 import figure_14
 import figure_20
@@ -47,7 +46,7 @@ def main() -> None:
         (["audit", *o145, "--quiet", "--figure"], "audit_o145.png"),
     ):
         torchliner([*words, str(FIGURES / picture)])
-    studies = (calibrate_resolved, figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, ldv_interpolation)
+    studies = (figure_13, figure_14, figure_20, frequencies_page, kt_mismatch, ldv_interpolation)
     for script in (*studies, side_by_side, validation_page, b2a_line):  # an hour
         script.main(["-o", str(FIGURES)])
 

@@ -25,11 +25,7 @@ ABOUT = ("model", "name", "description", "source")  # keys of any liner file
 
 
 def preset_names() -> list[str]:
-    """Names of the liners shipped with the package.
-
-    >>> [name for name in tl.preset_names() if not name.startswith("lbm") and not name.endswith("_example")]
-    ['onera', 'polito', 'polito_as_printed']
-    """
+    """Names of the liners shipped with the package."""
     return file_checks.preset_names(PACKAGE)
 
 

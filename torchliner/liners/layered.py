@@ -172,12 +172,6 @@ class LayeredLiner(CellLiner):
         ValueError: an order of layers that is no liner; a value outside its range.
     Source: transfer matrices of plane waves; with one ``perforate`` and one cavity it is ``SDoFLiner``. That the sheets
         below a septum count as at rest is a choice made here; the paper has no equations for two degrees of freedom.
-
-    >>> plate = tl.sheet("perforate", thickness=0.6e-3, orifice_diameter=1e-3, porosity=0.05)
-    >>> septum = tl.sheet("perforate", thickness=0.8e-3, orifice_diameter=0.8e-3, porosity=0.02)
-    >>> liner = tl.LayeredLiner([plate, tl.Cavity(20e-3, 5e-3), septum, tl.Cavity(20e-3, 5e-3)])
-    >>> f"{complex(liner.impedance(1400.0, 3.0)):.2f}"
-    '3.38-1.28j'
     """
 
     model = "layered"
