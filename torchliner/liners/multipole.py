@@ -110,11 +110,6 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         ValueError: too many poles for the frequencies; Z with nan, inf or -1.
     Source: poles in the left half plane, fitted by least squares in R. Where |R| exceeds 1, anywhere between 0 Hz and
         ten thousand times the band, the residues are those of least error with |R| < 1 there.
-
-    >>> liner, frequency = tl.load_liner("onera"), torch.linspace(500.0, 2500.0, 21, dtype=torch.float64)
-    >>> model = tl.fit_multipole(frequency, liner.impedance(frequency, 3.0), poles=4)
-    >>> model.error < 0.01
-    True
     """
     (f, order), count = frequency_tensor(frequency).sort(), whole_number("poles", poles)
     z = torch.as_tensor(impedance).detach().cpu().to(torch.complex128)

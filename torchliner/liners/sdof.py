@@ -76,8 +76,7 @@ class SDoFLiner(CellLiner):
 class FlowSDoFLiner(SDoFLiner):
     """Base of ``SDoFLiner``s that take the Mach number of the flow over the plane.
 
-    Args:
-        mach: 0 to 1; None: that which the data state, 0 where they state none.
+    ``mach``: None takes that which the data state, 0 where they state none.
     """
 
     mach: Mach = None
