@@ -30,15 +30,10 @@ def to_dataframe(record: Result, of: str | None = None) -> Any:
 
 
 def result_rows(record: Result, of: str | None = None) -> Rows:
-    """One row a place and frequency: coordinates, then what stands along them.
+    """One row a place and frequency: coordinates, then what stands along them; ``of``: a key of its ``PLACES``, default
+    the first, or all of them; a ValueError for others.
 
     Names without the noun that they begin with; with several averagings a column each.
-
-    Args:
-        record: result.
-        of: a key of its ``PLACES``; default the first, or all of them.
-    Raises:
-        ValueError: there are no such places.
     """
     if of not in (None, *record.PLACES):
         raise ValueError(f"no rows of {of!r}; there are those of {', '.join(record.PLACES)}")
@@ -68,14 +63,8 @@ def _rows_of(data: Any, record: Result, of: str) -> Rows:
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "", end: str = "\r\n") -> None:
-    """A CSV file with the headings of all rows, whole or not at all.
-
-    Args:
-        rows: at least one.
-        path: file.
-        number: format of numbers, as ".9g"; default: as many digits as they have.
-        end: of lines.
-    """
+    """A CSV file with the headings of all rows, at least one, whole or not at all; ``number``: format, as ".9g",
+    default as many digits as they have; ``end``: of lines."""
     with written_whole(path, ".csv") as temporary, temporary.open("w", newline="") as file:
         fill_csv(file, rows, number, end)
 

@@ -60,12 +60,8 @@ def _read(path: str | Path, kind: Any) -> Any:
 
 
 def read_wall(path: str | Path) -> tuple[Any, ...]:
-    """Read the eductions that ``WallEduction.write`` or ``torchliner kt -o`` wrote, in order.
-
-    Raises:
-        ValueError: the microphones of an eduction are missing, elsewhere, or of other frequencies; a covariance that is
-            not symmetric; as ``read_map``.
-    """
+    """Read the eductions that ``WallEduction.write`` or ``torchliner kt -o`` wrote, in order; errors as of
+    ``read_map``, and where the microphones of an eduction are missing, elsewhere, or of other frequencies."""
     schema, stem = DrawnImpedance.GROUPS
     with open_file(path) as file:
         require_schema(file, path, schema)
@@ -74,8 +70,6 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
         places, known = set(one.x.tolist()), set() if one.line is None else set(one.line.x.tolist())
         if len(places) < len(one.x) or not places <= known or not torch.equal(one.frequency, one.line.frequency):
             raise ValueError(f"{path}:/{stem}_{i}: its microphones are missing, elsewhere, or of other frequencies")
-        if one.covariance is not None and not torch.allclose(one.covariance, one.covariance.mT, equal_nan=True):
-            raise ValueError(f"{path}:/{stem}_{i}: the covariance of R and X is not symmetric; restore the file")
     return found
 
 
@@ -83,11 +77,8 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
 
 
 def require_schema(group: h5py.Group, path: str | Path, *schemas: str) -> str:
-    """The schema of a file or a group.
-
-    Raises:
-        ValueError: none of these; damage hides some of its names, and optional variables would be missed in silence.
-    """
+    """The schema of a file or a group. A ValueError where it is none of these, and where damage hides some of its
+    names: optional variables would be missed in silence."""
     found, lost = text_attribute(group, "schema"), [name for name in group if group.get(name, getlink=True) is None]
     if lost or len(set(group)) < len(group):
         raise ValueError(f"{path} is damaged: of the names that {group.name} lists {lost or 'some'} lead nowhere")
@@ -122,14 +113,8 @@ def taken(group: h5py.Group, path: str | Path, *kinds: Any) -> Any:
 
 
 def take(group: h5py.Group, kind: Any, path: str | Path, known: Mapping[str, Any], part: Part = WHOLE) -> Any:
-    """A record, or one that is a part of another, from what ``fill`` wrote.
-
-    Args:
-        group, path: an open file or a group of one, and its name for messages.
-        kind: class of the record.
-        known: fields that are not read.
-        part: how it stands within another.
-    """
+    """A record, or one that is a ``part`` of another, from what ``fill`` wrote; fields that are ``known`` are not
+    read."""
     found, hints = dict(known), type_hints(kind)
     for row in (row for row in variables_of(kind) if row.field not in known):
         own = part.row(row)
@@ -220,11 +205,8 @@ def get_field(group: h5py.Group, key: str, path: str | Path) -> Field:
 
 
 def read_row(group: h5py.Group, row: Variable, path: str | Path) -> Any:
-    """A number, a tensor in an SI unit, or a tuple of texts.
-
-    Raises:
-        ValueError: it is missing, has no unit of this quantity, or holds what it cannot; FILE:/variable is named.
-    """
+    """A number, a tensor in an SI unit, or a tuple of texts; a ValueError names FILE:/variable where it is missing, has
+    no unit of this quantity, or holds what it cannot."""
     fields = [get_field(group, name, path) for name in row.names]
     label = fields[0].label
     if row.kind == "text":

@@ -46,11 +46,8 @@ Axes = Mapping[str, Sequence[str]]
 
 
 def write_record(record: Any, path: str | Path) -> None:
-    """One file, by its ending; the old one, if any, is replaced when the new one is whole.
-
-    Raises:
-        ValueError: no writer has this ending; what the format cannot hold.
-    """
+    """One file, by its ending; the old one, if any, is replaced when the new one is whole. A ValueError where no writer
+    has this ending, and for what the format cannot hold."""
     ending, others = Path(path).suffix.lower(), RESULT_WRITERS if isinstance(record, Result) else ()
     if ending in others:
         resolve(RESULT_WRITERS[ending])(record, path)
@@ -89,14 +86,8 @@ def in_memory() -> Iterator[tuple[io.BytesIO, h5netcdf.File]]:
 
 
 def fill(group: h5netcdf.Group, record: Any, unsaid: Sequence[str] = (), **more: Any) -> None:
-    """A record into an open file, or a group of one; coordinates first, then what stands along them.
-
-    Args:
-        group: the file or group.
-        record: with its ``SCHEMA``, if it has one.
-        unsaid: fields that are left out.
-        more: further attributes.
-    """
+    """A record into an open file, or a group of one, but for the fields ``unsaid``, and ``more`` attributes;
+    coordinates first, then what stands along them."""
     axes, unsaid = getattr(record, "axes", {}), (*unsaid, *getattr(record, "UNSAID", ()))
     if hasattr(record, "SCHEMA"):
         set_texts(group, schema=record.SCHEMA)
@@ -132,14 +123,8 @@ def fill(group: h5netcdf.Group, record: Any, unsaid: Sequence[str] = (), **more:
 
 
 def write_row(group: h5netcdf.Group, row: Variable, value: Any, axes: Axes | None = None, **storage: Any) -> None:
-    """One variable, or the two parts of a complex one; dimensions that the group lacks are made.
-
-    Args:
-        group: a file or a group of one.
-        row, value: the variable.
-        axes: dimensions that stand behind one name of ``Variable.dims``.
-        storage: of ``h5netcdf.Group.create_variable``, as ``compression``.
-    """
+    """One variable, or the two parts of a complex one; dimensions that the group lacks are made. ``axes``: dimensions
+    that stand behind one name of ``Variable.dims``; ``storage``: of ``h5netcdf.Group.create_variable``."""
     dims, values = dims_of(row.dims, axes), np.array(value, dtype=object) if row.kind == "text" else plain(value)
     if dims[-1:] == ["time"]:
         dims, values = ["time", *dims[:-1]], np.moveaxis(values, -1, 0)

@@ -65,13 +65,11 @@ def require_places(path: str | Path, places: bool) -> None:
 
 
 def write_vtk(record: Any, path: str | Path) -> None:
-    """The rows of the usual places, as points, with quadrilaterals where probes are (z, x).
+    """The rows of the usual places, as points, with quadrilaterals where probes are (z, x); a ValueError where no place
+    has a coordinate.
 
-    Lengths in m; ``height`` of a plane is y; a coordinate that is unknown is 0. Each column is an
-    array, with several frequencies one each ("resistance_1400Hz").
-
-    Raises:
-        ValueError: no place has a coordinate.
+    Lengths in m; ``height`` of a plane is y; a coordinate that is unknown is 0. Each column is an array, with several
+    frequencies one each ("resistance_1400Hz").
     """
     import pyvista
 

@@ -54,11 +54,8 @@ def require_ending(path: str | Path, endings: Sequence[str], option: str = "") -
 
 
 def writable(path: str | Path, *endings: str) -> Path:
-    """The file that an output would replace or make, with links followed.
+    """The file that an output of one of some endings (default: any) would replace or make, with links followed.
 
-    Args:
-        path: as the user named it.
-        endings: that it may have; any if none is named.
     Raises:
         ValueError: another ending; an input of the command.
         OSError: no folder, a folder, a device, a link that leads to itself, write-protected.
@@ -86,11 +83,7 @@ def writable(path: str | Path, *endings: str) -> Path:
 
 
 def writable_folder(path: str | Path) -> None:
-    """Refuse a folder that could neither be made nor written to.
-
-    Raises:
-        OSError: it, or what it would be made in, is no folder or is write-protected.
-    """
+    """Refuse, by an OSError, a folder that could neither be made nor written to."""
     whole = Path(path).absolute()
     there = next(each for each in (whole, *whole.parents) if each.exists() or each.is_symlink())
     if not there.is_dir():
@@ -102,11 +95,7 @@ def writable_folder(path: str | Path) -> None:
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """A folder for one run at a time; the lock ends with the process, however that ends. What a killed run has left of
-    unfinished files is deleted.
-
-    Raises:
-        OSError: another run holds it, and which.
-    """
+    unfinished files is deleted. An OSError says which other run holds it."""
     from filelock import FileLock, Timeout
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -133,12 +122,7 @@ def written_whole(path: str | Path, *endings: str) -> Iterator[Path]:
     """A temporary path beside the file, renamed onto it when the block ends well.
 
     A crash or an interrupt leaves the old file as it was. A link is followed, and a file that is replaced keeps its
-    mode.
-
-    Args:
-        path, endings: as for ``writable``.
-    Raises:
-        ValueError, OSError: as ``writable``; the disk is full.
+    mode. ValueError, OSError as ``writable``; OSError where the disk is full.
     """
     target = writable(path, *endings)
     try:

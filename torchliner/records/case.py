@@ -178,16 +178,8 @@ class Found(Stated):
 
 
 def require_same_case(first: Any, other: Any, names: Sequence[str], remedy: str, *, where_stated: bool = False) -> None:
-    """Refuse two records that state different things.
-
-    Args:
-        first, other: planes or pressure records.
-        names: attributes that must agree, besides the case in the provenance.
-        remedy: last words of the message.
-        where_stated: let an attribute that one of them does not state pass.
-    Raises:
-        ValueError: they differ; what differs is named.
-    """
+    """Refuse two records, planes or pressures, that state different things: ``names`` of attributes, and the case in
+    the provenance. ``remedy``: last words of the message; ``where_stated``: what one does not state passes."""
     pairs = {name: (getattr(first, name), getattr(other, name)) for name in names}
     pairs["case"] = (first.provenance.get("case"), other.provenance.get("case"))
     for name, (mine, theirs) in pairs.items():
@@ -215,11 +207,7 @@ def require_same_probes(first: Any, other: Any) -> None:
 
 
 def planes_by_height(planes: Sequence[Any]) -> list[Any]:
-    """The planes, lowest first.
-
-    Raises:
-        ValueError: no plane, one without a height, two at one height, or planes of several cases.
-    """
+    """The planes, lowest first; a ValueError for none, one without a height, two at one height, several cases."""
     if not planes:
         raise ValueError("no plane is given")
     for plane in planes:

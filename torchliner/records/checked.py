@@ -65,9 +65,6 @@ def require_shapes(
         rows: variables with their values, as of ``flat``.
         name: for messages.
         sizes: lengths of dimensions that are known, () for those of no axis.
-    Raises:
-        TypeError: a real tensor where a complex one is meant.
-        ValueError: a shape; what is needed is named.
     """
     known = dict(sizes)
     for row, value in rows:

@@ -104,11 +104,7 @@ class ImpedanceLine(Drawn, Result, Found):
 
     @property
     def answer(self) -> Tensor:
-        """Z of the whole line, eq. (5.2), (F,): the value to quote.
-
-        Raises:
-            ValueError: the stations have not been joined.
-        """
+        """Z of the whole line, eq. (5.2), (F,): the value to quote; a ValueError where the stations are not joined."""
         if self.average is None:
             raise ValueError("the stations have no average; join them, or write .h5 or .csv")
         return self.average.impedance
@@ -150,11 +146,6 @@ class ImpedanceLine(Drawn, Result, Found):
     def over_segments(self, values: Tensor) -> Tensor:
         """Mean of (N, S, F) over the segments that each station has, (N, F)."""
         return mean_over_segments(values, self.segments)
-
-    @property
-    def velocity_level(self) -> Tensor:
-        """Peak of the coherent velocity, m/s, (N, F)."""
-        return self.velocity_amplitude.abs()
 
     @property
     def inferred_incident_level(self) -> Tensor:

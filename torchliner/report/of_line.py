@@ -39,7 +39,7 @@ def of_line(line: ImpedanceLine) -> Answer:
         impedance=line.impedance,
         interval=line.interval,
         segment_spread=line.segment_spread,
-        tone_velocity=line.velocity_level,
+        tone_velocity=line.velocity_amplitude.abs(),
         coherence=line.coherence,
         attenuation=line.attenuation.abs(),
     )
