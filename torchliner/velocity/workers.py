@@ -65,9 +65,7 @@ def reduce_on(client: Any = None, kept: Path | None = None) -> Reduce:
         for share, path, rows in zip(shares, paths, known, strict=True):
             found.append(next(read) if rows is None else rows)
             if rows is None and path is not None:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with written_whole(path) as temporary, temporary.open("wb") as file:
-                    np.savez(file, *found[-1])
+                _save(path, found[-1])
             if progress is not None:
                 progress(blocks.borders[share[-1] + 1] - blocks.borders[share[0]])
         return [torch.cat([*map(torch.from_numpy, each)]).to(record.device) for each in zip(*found, strict=True)]
@@ -86,6 +84,12 @@ def _load(path: Path) -> Rows | None:
     with suppress(OSError, ValueError, BadZipFile, EOFError), np.load(path) as file:
         return [file[name] for name in file.files]
     return None
+
+
+def _save(path: Path, rows: Rows) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with written_whole(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, *rows)
 
 
 def _said(value: Any) -> Any:
