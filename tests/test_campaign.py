@@ -158,19 +158,19 @@ def test_an_interrupt_is_clean_and_costs_one_share(capsys, campaign, readings, m
     """No half file, no lock; what was summed is not summed again; the files are the same."""
     done(capsys, campaign, "--output", campaign.parent / "wanted")
     readings.clear()
-    save = workers._save
+    save = workers.np.savez
 
-    def save_or_stop(path, rows):
+    def save_or_stop(file, *rows):
         if len(readings) == 8:  # in the first reading of the second plane
             raise KeyboardInterrupt
-        save(path, rows)
+        save(file, *rows)
 
-    monkeypatch.setattr(workers, "_save", save_or_stop)
+    monkeypatch.setattr(workers.np, "savez", save_or_stop)
     code, _, err = run(capsys, "run", str(campaign), "--quiet")
     assert (code, err) == (130, "torchliner: interrupted\n")
     output = campaign.parent / "c_results"
     assert not list(output.rglob(".torchliner-*"))
-    monkeypatch.setattr(workers, "_save", save)
+    monkeypatch.setattr(workers.np, "savez", save)
     readings.clear()
     code, rows, _ = done(capsys, campaign)
     assert (code, len(rows), len(readings)) == (0, 8, 2 * 2 * SHARES - 7)
