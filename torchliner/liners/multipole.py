@@ -10,6 +10,7 @@ at every frequency passive. In time each pole is one number that is carried on f
 """
 
 import math
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.interpolate import AAA
 from scipy.optimize import least_squares, minimize
 from scipy.signal import lfilter
 from torch import Tensor
@@ -108,8 +110,9 @@ def fit_multipole(frequency: Any, impedance: Any, poles: int = 8, **about: Any) 
         about: plain values to keep with it.
     Raises:
         ValueError: too many poles for the frequencies; Z with nan, inf or -1.
-    Source: poles in the left half plane, fitted by least squares in R. Where |R| exceeds 1, anywhere between 0 Hz and
-        ten thousand times the band, the residues are those of least error with |R| < 1 there.
+    Source: poles start from the AAA algorithm (Nakatsukasa, Sete and Trefethen, SIAM J. Sci. Comput. 40, 2018, A1494),
+        which are then moved into the left half plane and fitted by least squares in R. Where |R| exceeds 1, anywhere
+        between 0 Hz and ten thousand times the band, the residues are those of least error with |R| < 1 there.
     """
     (f, order), count = frequency_tensor(frequency).sort(), whole_number("poles", poles)
     z = torch.as_tensor(impedance).detach().cpu().to(torch.complex128)
@@ -149,7 +152,8 @@ def _multiples(basis: Array, wanted: Array) -> Array:
 
 
 def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
-    """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1."""
+    """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1; from the poles of the AAA
+    algorithm, with others where it finds too few, and from poles spread evenly."""
     pairs, size, outside = count // 2, count - count // 2, _grid(abs(s[-1]), 300, np.zeros(0))
     low = np.log([abs(s[0]) / BEYOND] * size + [DAMPING[0]] * pairs)
     high = np.log([abs(s[-1]) * BEYOND] * size + [DAMPING[1]] * pairs)
@@ -161,10 +165,18 @@ def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
         off, excess = basis @ solved - wanted, np.abs(1 + _basis(outside, w, d) @ solved) - 1
         return np.concatenate([off.real, off.imag, excess.clip(min=0)])
 
-    sizes = abs(START) * np.geomspace(abs(s[0]), abs(s[-1]), pairs + 2)[1:-1]
-    start = np.log(np.concatenate([sizes, np.ones(count % 2), np.full(pairs, -START.real / abs(START))]))
-    limits: Any = {"bounds": (low, high), "x_scale": "jac", "max_nfev": EVALUATIONS}
-    best = np.exp(least_squares(misfit, start, **limits).x)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # that it has not converged with so few terms
+        found = AAA(np.concatenate([s, s.conj()]), np.concatenate([wanted, wanted.conj()]), max_terms=count + 1).poles()
+    above = found[found.imag > 1e-6 * np.abs(found)]
+    spread = START * np.geomspace(abs(s[0]), abs(s[-1]), pairs + 2)[1:-1]
+    tried = []
+    for poles in (np.concatenate([above[np.argsort(np.abs(above))], spread])[:pairs], spread):
+        damping = np.abs(poles.real / poles).clip(DAMPING[0])
+        start = np.concatenate([np.log(np.abs(poles)), np.zeros(count % 2), np.log(damping)])
+        limits: Any = {"bounds": (low, high), "x_scale": "jac", "max_nfev": EVALUATIONS}
+        tried.append(least_squares(misfit, np.clip(start, low + 1e-6, high - 1e-6), **limits))
+    best = np.exp(min(tried, key=lambda each: float(each.cost)).x)
     return best[:size], best[size:]
 
 
