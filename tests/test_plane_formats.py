@@ -104,36 +104,38 @@ def test_records_that_nobody_wrote_hold_what_the_library_fills_in(tmp_path, kind
     assert tl.read_plane(path).samples == lazy.samples + 1 == 31
 
 
-def store(path, fill=0, **arrays):
+def store(path, version, fill=0, **arrays):
     """A store written through zarr itself: arrays, and how many of their values; (time, x)."""
-    group = zarr.open_group(path, mode="w")
+    group = zarr.open_group(path, mode="w", zarr_format=version)
     for name, (values, count) in arrays.items():
         dims, unit = {"time": (["time"], "s"), "x": (["x"], "m")}.get(name, (["time", "x"], "m/s"))
-        about = {"dtype": values.dtype, "fill_value": fill, "chunks": (10, *values.shape[1:]), "dimension_names": dims}
-        array = group.create_array(name, shape=values.shape, **about)
-        array.attrs["units"] = unit
+        about = {"dtype": values.dtype, "fill_value": fill, "chunks": (10, *values.shape[1:])}
+        words = {"dimension_names": dims} if version == 3 else {}
+        array = group.create_array(name, shape=values.shape, **about, **words)
+        array.attrs.update({"units": unit} if words else {"units": unit, "_ARRAY_DIMENSIONS": dims})
         array[:count] = values[:count]
     return path
 
 
-def test_a_store_that_fills_with_0(tmp_path, monkeypatch):
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_store_that_fills_with_0(tmp_path, monkeypatch, version):
     """Zeros that were written are zeros, also at the first time; chunks that were not are none."""
     v = np.where(VALUES[:, 0] > 0, VALUES[:, 0], 0)
     whole = {"time": (TIMES, 30), "x": (X, 4), V: (v, 30)}
     path = tmp_path / "a.zarr"
-    assert np.array_equal(tl.read_plane(store(path, **whole)).velocity.numpy(), v.T)
+    assert np.array_equal(tl.read_plane(store(path, version, **whole)).velocity.numpy(), v.T)
     for name, count, words in ((V, 20, "1 of 3"), (V, 0, "3 of 3"), ("time", 20, "1 of 3"), ("x", 0, "1 of 1")):
         broken = whole | {name: (whole[name][0], count)}
         with pytest.raises(ValueError, match=rf"a.zarr:/{name}: {words} chunks were never .*write_empty_chunks=True"):
-            tl.read_plane(store(path, **broken))
-    missing = tl.read_plane(store(path, fill=np.nan, **whole | {V: (v, 20)}))
+            tl.read_plane(store(path, version, **broken))
+    missing = tl.read_plane(store(path, version, fill=np.nan, **whole | {V: (v, 20)}))
     assert missing.velocity[:, 20:].isnan().all()
-    alone = tl.read_plane(store(path, **whole | {"x": (np.zeros(1), 1), V: (v[:, :1], 30)}))
+    alone = tl.read_plane(store(path, version, **whole | {"x": (np.zeros(1), 1), V: (v[:, :1], 30)}))
     assert alone.x.tolist() == [0.0]
     data = dataset()
     data[V].encoding = {"dtype": "i2", "scale_factor": 1e-3, "add_offset": 9.0, "_FillValue": 0}
     data[V][7, 1, 2] = np.nan
-    data.to_zarr(tmp_path / "b.zarr", consolidated=False)
+    data.to_zarr(tmp_path / "b.zarr", consolidated=False, zarr_format=version)
     assert torch.isnan(tl.read_plane(tmp_path / "b.zarr").velocity).nonzero().tolist() == [[1, 2, 7]]
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(ImportError, match=r"a.zarr is a zarr store: .*torchliner\[zarr\]"):

@@ -27,7 +27,7 @@ from torchliner.records import VelocityPlane
 
 # What netCDF-3's library writes into records that nobody writes, unless told otherwise.
 FILLS = {"i2": -32767, "i4": -2147483647, "f4": 9.969209968386869e36, "f8": 9.969209968386869e36}
-ZARR = "zarr.json"  # in the folder of a store
+ZARR = ("zarr.json", ".zgroup", ".zmetadata")  # in the folder of a store, of version 3 or 2
 MATLAB = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 CLASSIC, NUMPY = (b"CDF\1", b"CDF\2"), b"\x93NUMPY"  # netCDF-3, version 2 with large offsets
 TAKES = ("variable", "axes", "velocity_units", "length_units", "sampling_rate", "normal")
@@ -163,8 +163,12 @@ def _open_store(path: Path) -> Any:
         if not each.is_dir():
             require_regular(each)
     data = xarray.open_dataset(path, engine="zarr", chunks=None, decode_cf=False, consolidated=False)
-    for name in set(data.dims) & set(data.variables):
-        _require_written(path, str(name))
+    for name, each in data.variables.items():
+        if name in data.dims:
+            _require_written(path, str(name))
+        # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
+        if not (path / ZARR[0]).is_file() and not {"scale_factor", "add_offset"} & set(each.attrs):
+            each.attrs = {key: value for key, value in each.attrs.items() if (key, value) != ("_FillValue", 0)}
     return data
 
 
@@ -178,7 +182,7 @@ def _require_written(path: Path, name: str, packing: Packing = PLAIN) -> None:
     if array.size < 2 or np.isnan(packing.unpack(np.full(1, fill), np.float64)).all():
         return  # one single value may be the fill value, which zarr leaves out
     # ``nchunks_initialized`` takes the square of their number.
-    there = sum(each.is_file() and each.name != ZARR for each in (path / name).rglob("*"))
+    there = sum(each.is_file() and not each.name.startswith((".z", "zarr.json")) for each in (path / name).rglob("*"))
     wanted = math.prod(-(-n // c) for n, c in zip(array.shape, array.shards or array.chunks, strict=True))
     if there < wanted:
         raise ValueError(
@@ -198,4 +202,4 @@ MATLAB_FORMAT = PlaneFormat(
 NPY_FORMAT = PlaneFormat(
     "numpy", lambda _, head: head.startswith(NUMPY), partial(open_variables, arrays=True), TAKES[1:]
 )
-STORE = PlaneFormat("zarr", lambda path, _: (path / ZARR).is_file(), open_variables, TAKES)
+STORE = PlaneFormat("zarr", lambda path, _: any((path / name).is_file() for name in ZARR), open_variables, TAKES)
