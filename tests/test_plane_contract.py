@@ -314,6 +314,13 @@ def hdf5(change):
     return changed
 
 
+def unwritten(group):
+    """Values of which no chunk was written, as after a run that was broken off."""
+    shape, kind = group["PointData/U"].shape, group["PointData/U"].dtype
+    del group["PointData/U"]
+    group.create_dataset("PointData/U", shape, kind, chunks=(4, *shape[1:]))
+
+
 def restart(values, first, points=POINTS, time="3e-05"):
     return lambda path: make.probes(path.parent, values, points, first, time=time)
 
@@ -363,6 +370,7 @@ QUIRKS = [
     ("pvd", lambda p: (p.parent / "p3.vtp").unlink(), {}, "p3.vtp' is invalid or does not exist"),
     ("pvd", replaced("2e-05", "1e-05"), {}, "all.pvd has 2 blocks"),
     ("vtkhdf", hdf5(lambda g: g["Steps/PointDataOffsets/U"].__setitem__(8, 100)), {}, "VTK cannot read all of"),
+    ("vtkhdf", hdf5(unwritten), {}, "PointData/U: .* chunks were never written"),
     ("foam vtp", lambda p: shutil.rmtree(p / "4e-05"), {}, "lacks 1 frames.*after sample 3"),
     ("foam vtp", side, {}, "surfaces side, top; .* name one as group"),
     ("foam vtp", side, {"group": "side"}, "8 of 9 times, 1e-05.*, have no surface 'side'"),

@@ -163,12 +163,12 @@ def _open_store(path: Path) -> Any:
         if not each.is_dir():
             require_regular(each)
     data = xarray.open_dataset(path, engine="zarr", chunks=None, decode_cf=False, consolidated=False)
-    for name, each in data.variables.items():
+    for name, variable in data.variables.items():
         if name in data.dims:
             _require_written(path, str(name))
         # Version 2 fills with 0 where nobody says otherwise, which marks nothing unless it is packed.
-        if not (path / ZARR[0]).is_file() and not {"scale_factor", "add_offset"} & set(each.attrs):
-            each.attrs = {key: value for key, value in each.attrs.items() if (key, value) != ("_FillValue", 0)}
+        if not (path / ZARR[0]).is_file() and not {"scale_factor", "add_offset"} & set(variable.attrs):
+            variable.attrs = {key: value for key, value in variable.attrs.items() if (key, value) != ("_FillValue", 0)}
     return data
 
 

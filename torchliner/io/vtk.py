@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from torchliner.file_checks import Unwritten, require_memory, require_regular
-from torchliner.io.hdf5 import is_there, open_file
+from torchliner.io.hdf5 import is_there, open_file, require_stored
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest
 from torchliner.io.points import Frame, Frames, Places, centres_of, plane_of_frames
 from torchliner.records import VelocityPlane
@@ -59,6 +59,11 @@ def _numbered(path: Path, group: str | None) -> dict[Path, Decimal]:
 
 def _steps(path: Path, group: str | None) -> tuple[Frames, bool]:
     """Frames of a file that names several or holds them, collections, EnSight, VTKHDF, and whether it states times."""
+    if h5py.is_hdf5(path):  # which would give zeros where values were never written
+        with open_file(path) as file:
+            for section in ("PointData", "CellData"):
+                for data in file["VTKHDF"].get(section, {}).values():
+                    require_stored(data, f"{path}:{data.name}", path)
     reader = _reader(path)
     times = getattr(reader, "time_values", None)  # VTKHDF states them in each frame
     go = getattr(reader, "set_active_time_point", None) or reader.reader.SetStep
