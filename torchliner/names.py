@@ -39,7 +39,6 @@ PHASES = {  # of the incident tone relative to v; the rules: velocity.averages.P
 
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic")  # stated by numbers
-LIMITS = {"rectangular": 3**-0.5, "standard": 1.0}  # standard uncertainty per half-width
 LINER_MODELS = {  # classes by the ``model`` of liner files, whose keys are their fields
     "sdof": "torchliner.liners.sdof:SDoFLiner",
     "sdof-end-loss": "torchliner.liners.sdof:EndLossSDoFLiner",

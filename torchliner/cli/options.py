@@ -66,10 +66,10 @@ def bounds(text: str) -> dict[str, tuple[float, ...]]:
     return found
 
 
-def tolerance(text: str) -> tuple[str, str]:
+def tolerance(text: str) -> tuple[str, float]:
     """Name and half-width."""
     name, value = text.split("=")
-    return name.strip(), value.strip()
+    return name.strip(), number(value)
 
 
 def reference(text: str) -> Any:
@@ -82,7 +82,7 @@ def reference(text: str) -> Any:
 
 TEXT, NUMBER, COMPLEX, COUNT = Kind("TEXT"), Kind("X", number), Kind("R+XJ", finite), Kind("N", int)
 LEVEL = Kind("LEVEL", lambda text: None if text.lower() == "none" else number(text))
-BOUNDS, TOLERANCES = Kind("NAME[=LOW:HIGH],...", bounds), Kind("NAME=VALUE", tolerance)
+BOUNDS, TOLERANCES = Kind("NAME[=LOW:HIGH],...", bounds), Kind("NAME=X", tolerance)
 REFERENCE = Kind("NAME or R+XJ", reference)
 WALL = Kind("R+XJ", lambda text: text if text == "rigid" else finite(text))
 FREQUENCIES = Kind("HZ or LOW:HIGH:STEP", frequencies)

@@ -54,9 +54,8 @@ def compare_models(options: argparse.Namespace) -> None:
 
 def sensitivity(options: argparse.Namespace) -> None:
     """Change of Z with each parameter of a liner; tolerances."""
-    about: Any = {"tolerances": dict(options.tolerance), "limits": options.limits}
-    found = _asked(options, tl.sensitivities, [options.plane], parameters=options.parameters, **about)
-    work.show(options, found, averaging=options.averaging, limits=options.limits)
+    about: Any = {"tolerances": dict(options.tolerance), "parameters": options.parameters}
+    work.show(options, _asked(options, tl.sensitivities, [options.plane], **about), averaging=options.averaging)
 
 
 def calibrate(options: argparse.Namespace) -> int:

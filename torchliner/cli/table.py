@@ -109,8 +109,7 @@ FREE = "parameter to fit and its bounds, SI, or usual ones; 'offset' is both par
 FREE += "contraction coefficient, with two levels or more the offset, and the law of lost mass that predicts best"
 LAWS = "a model: 'curve', a free curve over |v|; or parameters of the liner's law, with commas between, each with its "
 LAWS += "bounds (NAME=LOW:HIGH, SI) or usual ones; several times to compare; default: curve"
-TOLERANCE = 'half-width with its unit, e.g. orifice_diameter="0.02 mm", porosity="2 %", temperature="1 K"; without, '
-TOLERANCE += "the change of Z for 1 % of each parameter"
+TOLERANCE = "half-width, SI, e.g. orifice_diameter=2e-5; without, the change of Z for 1 % of each parameter"
 METHODS = "; ".join(f"{name}, {text}" for name, (_, text, _) in names.WALL_METHODS.items())
 KT, IR = "pressure.waves:kumaresan_tufts", "velocity.ir_tdibc:ir_tdibc"
 BURSTS = "method grid_rate band_limit correction segment overlap window flagged monte_carlo"
@@ -163,7 +162,6 @@ GROUPS = {
             Option("--averaging", "over cells; default velocity", names.AVERAGINGS, default="velocity"),
             Option("--tolerance", TOLERANCE, TOLERANCES, many=True),
             Option("--parameters", "of the liner, e.g. porosity; default: all", TEXT, "+"),
-            Option("--limits", "half-widths are limits, or u; default rectangular", names.LIMITS, None, "rectangular"),
         ),
         "calibrate": row(
             "planes liner law figure fit fixed",

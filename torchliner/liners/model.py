@@ -22,7 +22,6 @@ from torch import Tensor
 from torchliner.checks import make_plain, one_number, plain_number, require_choice
 from torchliner.conversions import reflection_from_impedance
 from torchliner.fluid import Fluid
-from torchliner.units import SI_QUANTITY
 
 SLIPS = {"1": " (5 % is 0.05)", "m": " (1 mm is 0.001 m)"}  # by unit, where a value is too large
 STATED = "impedance describe cell_pitch fluid frequency_range speed_max surface_porosity hole_diameter".split()
@@ -39,11 +38,6 @@ class Number:
     high: float = math.inf
     low_included: bool = False
     varied: bool = True
-
-    @property
-    def quantity(self) -> str:
-        """Kind of its units, a key of ``units.FACTORS``."""
-        return SI_QUANTITY.get(self.unit, "number")
 
     def at(self, value: Any) -> Number:
         """Another value."""

@@ -78,14 +78,14 @@ def of_models(found: Study) -> Answer:
     )
 
 
-def of_sensitivities(found: Study, averaging: str | None = None, limits: str = "rectangular") -> Answer:
+def of_sensitivities(found: Study, averaging: str | None = None) -> Answer:
     """dZ of each parameter per SI unit and per 1 %, or its share of the uncertainty; largest first."""
     averaging, frequency = averaging or found.found.averaging, found.found.frequency.tolist()
     nominal = found.found.liner[averaging].impedance.tolist()
     lines = [f"Z = {format_complex(z)} at {f:g} Hz" for f, z in zip(frequency, nominal, strict=True)]
     shown, meaning, rows = "slope,step", "p in its unit", found.of(averaging=averaging)
     if "combined" in found:
-        shown, meaning = "half_width,standard,change", f"tolerances are {limits}"
+        shown, meaning = "half_width,standard,change", "tolerances are limits, u = half-width/√3"
         for i, total in enumerate(found.combined[averaging].tolist()):
             rows.append(Row(frequency=frequency[i], parameter="combined", change=total))
             lines[i] += f", standard uncertainty of R {total.real:.2g} and of X {total.imag:.2g}"

@@ -10,14 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice
+from torchliner.checks import require_choice, require_positive
 from torchliner.engine.moments import Moments
 from torchliner.liners.model import Liner, as_liner, impedance_of, named_numbers
-from torchliner.names import LIMITS
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.runs import Run, choices_of_fit, with_slopes
 from torchliner.studies.variants import Study, plane_of, rows_of
-from torchliner.units import parse_tolerance
 from torchliner.velocity.educe import moments
 from torchliner.velocity.reading import Progress
 
@@ -28,8 +26,7 @@ def sensitivities(
     frequency: Any = None,
     parameters: Sequence[str] | None = None,
     *,
-    tolerances: Mapping[str, Any] | None = None,
-    limits: str = "rectangular",
+    tolerances: Mapping[str, float] | None = None,
     progress: Progress | None = None,
     **choices: Any,
 ) -> Study:
@@ -40,10 +37,8 @@ def sensitivities(
         liner: one that states ``numbers``, as SDoF liners do.
         parameters: names of ``liner.numbers()``; default those of the tolerances, else all. ``temperature`` and
             ``pressure`` change c, rho and eta of the liner's gas as those of dry air.
-        tolerances: half-width by parameter, with its unit: ``{"orifice_diameter": "0.02 mm", "porosity": "2 %"}``, of
-            independent parameters.
-        limits: what a half-width means: ``rectangular``, limits within which every value is equally likely (standard
-            uncertainty half-width/sqrt 3), or ``standard``, the standard uncertainty itself.
+        tolerances: half-widths, SI, by parameter: limits within which every value is equally likely, independent of the
+            other parameters (standard uncertainty half-width/sqrt 3).
     Returns:
         numbers (parameters by name, n of them), slopes (dZ/dp per SI unit, complex, by averaging, (n, F)), found (the
         map itself); with tolerances covariance (of R and X, by averaging, (F, 2, 2)) and combined (u(R) + j u(X),
@@ -51,29 +46,22 @@ def sensitivities(
         of the value), half_width, standard (u(p)), change (of Z for one u(p)).
     Raises:
         TypeError: a liner without numbers.
-        ValueError: an unknown parameter, a choice that a fit does not know, a tolerance without a unit or wider than
-            its parameter can be.
+        ValueError: an unknown parameter, a choice that a fit does not know, a tolerance wider than its parameter.
     Source: Roncen et al. (2026), section 3, differentiated; JCGM 100:2008 (GUM), 4.3.7 and eq. (10).
     """
-    factor, stated = LIMITS[require_choice("reading of the limits", limits, LIMITS)], dict(tolerances or {})
-    model = as_liner(liner).in_flow(plane_of(plane).mach)
+    stated, model = dict(tolerances or {}), as_liner(liner).in_flow(plane_of(plane).mach)
     numbers, chosen, known = named_numbers(model, parameters or [*stated] or None), choices_of_fit(**choices), plane
     widths = dict.fromkeys(numbers, 0.0)
-    for name, tolerance in stated.items():
+    for name, width in stated.items():
         number = numbers[require_choice("parameter of a tolerance", name, numbers)]
-        widths[name] = parse_tolerance(tolerance, name, number.quantity, number.value)
-        if number.low >= 0 and widths[name] > abs(number.value) > 0:
-            raise ValueError(
-                f"tolerance of {name} is {tolerance!r}, a half-width of {widths[name]:g}, more than its value, "
-                f"{number.value:.6g}; write '2 %' where per cent are meant"
-            )
+        require_positive(f"tolerance of {name}", width)
+        if number.low >= 0 and width > abs(number.value) > 0:
+            raise ValueError(f"tolerance of {name} is {width:g}, above its value, {number.value:.6g}; state it in SI")
+        widths[name] = width
     if isinstance(known, VelocityPlane):
         known = moments(known, model, frequency, progress=progress, **vars(chosen))
     found: ImpedanceMap = known.educe(model, frequency, **vars(chosen))
-    runs, lines = (
-        {name: Run(known, name, found.frequency, model) for name in found.averagings},
-        found.frequency.tolist(),
-    )
+    runs = {name: Run(known, name, found.frequency, model) for name in found.averagings}
 
     def made(at: Tensor) -> Tensor:
         moved = model.with_numbers(dict(zip(numbers, at.unbind(), strict=True)))
@@ -83,7 +71,7 @@ def sensitivities(
     values = torch.tensor([number.value for number in numbers.values()], dtype=torch.float64)
     _, by = with_slopes(made, values)
     slopes, covariance, rows = dict(zip(runs, by.movedim(-1, 1), strict=True)), dict[str, Tensor](), list[Any]()
-    standard = factor * torch.tensor([*widths.values()], dtype=torch.float64)[:, None]
+    standard = 3**-0.5 * torch.tensor([*widths.values()], dtype=torch.float64)[:, None]
     for averaging, slope in slopes.items():
         own = rows_of(
             averaging=averaging,
@@ -98,7 +86,7 @@ def sensitivities(
             change=standard * slope,
         )
         size = "change" if stated else "step"
-        rows += sorted(own, key=lambda row: (lines.index(row.frequency), -abs(row[size])))
+        rows += sorted(own, key=lambda row: (row.frequency, -abs(row[size])))
         covariance[averaging] = covariance_of(standard * slope, torch.eye(len(values), dtype=torch.float64))
     combined = {name: standard_of(each) for name, each in covariance.items()}
     budget = {"covariance": covariance, "combined": combined} if stated else {}
