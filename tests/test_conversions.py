@@ -81,13 +81,6 @@ def test_conversions_keep_the_shape_and_are_smooth(function):
     assert torch.autograd.gradcheck(lambda w: torch.view_as_real(function(w) + 0j), (z,))
 
 
-@pytest.mark.parametrize("function", CONVERSIONS)
-@pytest.mark.parametrize(("value", "kind"), [(torch.ones(2), "torch.float32"), (1 + 1j, "complex"), (2.0, "float")])
-def test_conversions_refuse_what_is_not_a_complex_tensor(function, value, kind):
-    with pytest.raises(TypeError, match=rf"(impedance|reflection) is {kind}; a complex tensor is"):
-        function(value)
-
-
 def test_level_of_a_tone():
     """20 uPa rms is 0 dB, 1 Pa rms 93.98 dB, ten times more 20 dB more, silence -inf."""
     peaks = 2**0.5 * torch.tensor([20e-6, 1.0, 10.0], dtype=torch.float64)

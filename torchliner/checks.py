@@ -120,8 +120,6 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
     """An array, list or number as an array; ``missing``: masked real numbers become nan, else they are refused."""
     if hasattr(value, "iloc") and value.ndim != 1:  # a table, whose rows are often times
         raise TypeError(f"{name} is a {type(value).__name__}; give .to_numpy(), its axes as documented")
-    if isinstance(value, list | tuple) and any(isinstance(each, np.ma.MaskedArray) for each in value):
-        value = np.ma.stack(value)
     if not np.ma.is_masked(value):
         return np.asarray(value)
     if not missing or value.dtype.kind not in "fiu":
@@ -138,20 +136,9 @@ def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the
     return found.to(dtype) if isinstance(found, Tensor) else torch.as_tensor(found.astype(np.float64)).to(dtype)
 
 
-def phase_tensor(value: Any) -> Tensor:
-    """A ``reference_phase``, rad, as a real tensor; ValueError where it is not finite."""
-    values = real_tensor(value, name="reference_phase (rad)")
-    if not bool(torch.isfinite(values).all()):
-        raise ValueError("reference_phase holds values that are not finite; it is in rad")
-    return values
-
-
 def frequency_tensor(frequency: Any, sampling_rate: float | None = None, *, record: Any = None) -> Tensor:
-    """Frequencies in Hz as a float64 tensor, (F,); for None the tone that a ``record`` states.
-
-    Raises:
-        ValueError: none; one that is not finite and positive, or at or above half the sampling rate, if that is given.
-    """
+    """Frequencies in Hz as a float64 tensor, (F,); for None the tone that a ``record`` states. ValueError for none, for
+    one that is not finite and positive, or at or above half the sampling rate."""
     if frequency is None and record is not None:
         frequency = record.frequency
         if frequency is None:

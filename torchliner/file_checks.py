@@ -1,14 +1,10 @@
 """Files of the user's: regular, no larger than memory, text or TOML, and every error by the name of the file."""
 
-import csv
 import functools
 import math
 import os
 import reprlib
-import struct
-import tokenize
 import tomllib
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import resources
@@ -22,11 +18,6 @@ from torchliner.fluid import Fluid
 from torchliner.names import did_you_mean
 
 CELLS = 16  # bytes of memory that a byte of text takes as cells and numbers
-# What libraries raise on damaged files, beside ValueError, TypeError and OSError.
-DAMAGE = (
-    *(LookupError, AttributeError, ArithmeticError, NameError, EOFError, RuntimeError, AssertionError, SystemError),
-    *(SyntaxError, struct.error, zlib.error, csv.Error, tokenize.TokenError),
-)
 
 
 class Unwritten(ValueError):
@@ -38,8 +29,8 @@ def naming(path: str | Path) -> Iterator[None]:
     """A block that reads a file: whatever fails there is an OSError or a ValueError that names the file."""
     try:
         yield
-    except (OSError, ValueError, TypeError, MemoryError, *DAMAGE) as error:
-        if isinstance(error, OSError | ValueError) and Path(path).name in str(error):
+    except Exception as error:  # libraries raise anything on damaged files
+        if isinstance(error, OSError | ValueError | ImportError) and Path(path).name in str(error):
             raise
         kind = OSError if isinstance(error, OSError) else ValueError
         what = f"is damaged, or of another layout than it says: {type(error).__name__}: {error}"
@@ -58,14 +49,10 @@ def require_regular(path: str | Path) -> None:
 
 @functools.cache
 def machine_memory() -> float:
-    """Bytes of memory that this process may use at most; inf where nothing tells."""
-    found = [math.inf]
+    """Bytes of memory of this machine; inf where nothing tells."""
     with suppress(ValueError, OSError, AttributeError):
-        found.append(float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")))
-    for name in ("memory.max", "memory/memory.limit_in_bytes"):  # of a container
-        with suppress(ValueError, OSError):
-            found.append(float(Path("/sys/fs/cgroup", name).read_text()))
-    return min(found)
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    return math.inf
 
 
 def require_memory(size: float, label: str, remedy: str = "cut it, or use a larger machine") -> None:
@@ -156,24 +143,21 @@ def one_of(*known: str) -> AfterValidator:
 Table = TypeVar("Table", bound=Strict)
 
 
-def validated(model: type[Table], content: Mapping[str, Any], path: Path, tables: Mapping[str, type[Strict]]) -> Table:
-    """Content checked against a model; ValueError with all mistakes, each mistyped key with the nearest of its table
-    (``tables``: models by name)."""
+def validated(model: type[Table], content: Mapping[str, Any], path: Path) -> Table:
+    """Content checked against a model; ValueError with all mistakes, mistyped keys with the nearest of any table."""
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        mistakes = [_explain(mistake, model, tables) for mistake in error.errors()]
+        mistakes = [_explain(mistake) for mistake in error.errors()]
         raise ValueError(f"{path} has {len(mistakes)} mistake(s):\n  " + "\n  ".join(mistakes)) from None
 
 
-def _explain(mistake: Any, model: type[Strict], tables: Mapping[str, type[Strict]]) -> str:
+def _explain(mistake: Any) -> str:
     """One line a user can act on."""
     kind, place = mistake["type"], ".".join(map(str, mistake["loc"]))
     if kind == "extra_forbidden":
-        inside = [tables[str(part)] for part in mistake["loc"][:-1] if str(part) in tables] or [model]
-        return f"{place}: no such key{did_you_mean(str(mistake['loc'][-1]), list(inside[-1].model_fields))}"
+        known = [name for table in Strict.__subclasses__() for name in table.model_fields]
+        return f"{place}: no such key{did_you_mean(str(mistake['loc'][-1]), known)}"
     if kind == "missing":
         return f"{place}: missing"
-    if kind == "list_type" and isinstance(mistake["input"], Mapping):
-        return f"{place}: write [[{place}]], with two brackets, for each of its tables"
     return f"{place} = {reprlib.repr(mistake['input'])}: {mistake['msg'].removeprefix('Value error, ')}"

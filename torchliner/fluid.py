@@ -46,10 +46,8 @@ class Fluid:
         """Dry air as a perfect gas with Sutherland's viscosity.
 
         Args:
-            temperature: K, 150 to 1500 (range of the viscosity law); a float or a 0-d float64 tensor.
-            pressure: Pa; likewise.
-        Raises:
-            ValueError: temperature outside the range.
+            temperature: K, 150 to 1500 (range of the viscosity law, else ValueError).
+            pressure: Pa.
         """
         if not 150.0 <= temperature <= 1500.0:
             raise ValueError(
@@ -81,11 +79,10 @@ class Fluid:
 
 def gas_warnings(liner: Fluid, around: Fluid, name: str) -> list[str]:
     """What a liner's gas and that around it, of ``name``, state differently."""
-    unit = {"sound_speed": "m/s", "density": "kg/m3"}
-    pairs = [(label, float(getattr(liner, label)), float(getattr(around, label))) for label in unit]
+    pairs = {each: (getattr(liner, each), getattr(around, each)) for each in ("sound_speed", "density")}
     return [
-        f"{label.replace('_', ' ')} is {mine:.5g} {unit[label]} in the liner and {theirs:.5g} {unit[label]} in {name}; "
-        "the liner's is used for the model (liner.replace(fluid=...) takes another)"
-        for label, mine, theirs in pairs
-        if abs(mine / theirs - 1) > FLUID_TOLERANCE
+        f"{label} is {float(mine):.5g} in the liner and {float(theirs):.5g} in {name} (SI); the liner's is used for "
+        "the model (liner.replace(fluid=...) takes another)"
+        for label, (mine, theirs) in pairs.items()
+        if abs(float(mine) / float(theirs) - 1) > FLUID_TOLERANCE
     ]

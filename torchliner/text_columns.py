@@ -3,7 +3,6 @@
 import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +39,6 @@ def header_line(lines: Sequence[str], path: str | Path) -> int:
     return start
 
 
-def separator_of(header: str) -> str:
-    """What the cells of a header line are parted by."""
-    return next((mark for mark in SEPARATORS if mark in header), ",")
-
-
 def cells_of(line: str, separator: str | None) -> list[str]:
     """Cells of a line without the blanks around them; separator None for blanks."""
     return [cell.strip() for cell in line.split(separator)]
@@ -71,24 +65,20 @@ def read_table(
     separator: str | None = None,
 ) -> dict[str, Array]:
     """Columns of numbers in SI units, by name, of labels such as ``x [mm]``, in any order, a minus before those whose
-    sign is turned. Remarks, and lines that are blank in all columns, are passed over; what begins with '#' and has as
-    many cells as there are columns is no remark.
+    sign is turned. Blank lines and remarks are passed over; what begins with '#' and has as many cells as there are
+    columns is no remark. ValueError for columns and cells that cannot be read, and for values that no measurement has.
 
     Args:
-        lines: with a header line, unless ``labels`` of the columns, the index at which rows ``start`` and the
-            ``separator`` are stated.
+        lines: with a header line, unless ``labels``, the index of the first row ``start`` and ``separator`` are stated.
         known: quantity of each column by its name, in lower case; None takes values in any unit as they stand.
         example: a header that is right, for messages.
         optional, others: names that may be absent, and that are passed over.
-    Raises:
-        ValueError: a column is unknown, missing, named twice, or without a unit; a cell is blank or unreadable, a row
-            has more cells than columns, decimal marks are mixed, or no measurement has such a value.
     """
     if labels is None:
         start = header_line(lines, path)
-        separator = separator_of(lines[start])
+        separator = next((mark for mark in SEPARATORS if mark in lines[start]), ",")
         labels, start = cells_of(lines[start].rstrip(f"{separator} "), separator), start + 1
-    columns, rows, marks = dict[str, tuple[int, float]](), dict[int, list[str]](), list[str]()
+    columns, rows = dict[str, tuple[int, float]](), dict[int, list[str]]()
     for index, label in enumerate(labels):
         match = LABEL.fullmatch(label)
         name, unit = (match[1].lower(), match[2] or match[3] or "") if match else (label, "")
@@ -117,11 +107,6 @@ def read_table(
             rows[number] = cells
     if not rows:
         raise ValueError(f"{path} holds no values: the file ends at line {len(lines)}")
-    for mark in ",.":
-        places = (f"line {number} has {cell!r}" for number, cells in rows.items() for cell in cells if mark in cell)
-        marks += [*islice(places, 1)]
-    if len(marks) == 2:
-        raise ValueError(f"{path} mixes decimal marks: {marks[0]}, {marks[1]}; write all numbers with one mark")
     found, numbers = dict[str, Array](), [*rows]
     for (name, (_, factor)), texts in zip(columns.items(), zip(*rows.values(), strict=True), strict=True):
         values, where = np.array([number_of(text.replace(",", ".")) for text in texts]), f"column {name!r}"
@@ -142,9 +127,7 @@ def read_stated(lines: Sequence[str], known: Mapping[str, str], path: str | Path
     for number, line in enumerate(lines, 1):
         label, match = f"{path}: line {number}", re.fullmatch(r"#\s*(\w+)\s*=\s*(.*?)\s*", line)
         if match is None:
-            # '# mach: 0.1' was meant to state something.
-            named = re.match(r"#\s*(\w+)[\s:]*[-+]?\.?\d", line)
-            if "=" in line or (named is not None and named[1] in known):
+            if "=" in line:
                 raise ValueError(f"{label} is {line[:60]!r}; write '# key = value', and remarks without '='")
             continue
         key, text = match.groups()

@@ -124,8 +124,7 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
     mistakes.
     """
     path = Path(path)
-    tables: dict[str, type[Strict]] = {"planes": PlanesTable, "choices": ChoicesTable}
-    table = validated(CampaignTable, parse_toml(read_text(path), path), path, tables)
+    table = validated(CampaignTable, parse_toml(read_text(path), path), path)
     folder = path.absolute().parent
     target = Path(output) if output else folder / (table.output or f"{path.stem}_results")
     if not output and not target.resolve().is_relative_to(folder.resolve()):

@@ -178,7 +178,7 @@ def load_duct(name: str | Path, **changes: Any) -> DuctSetup:
         if key not in owners:
             raise ValueError(f"{path}: no key {key!r} to change; there are {', '.join(owners)}")
         content.setdefault(owners[key], {})[key] = value.tolist() if hasattr(value, "tolist") else value
-    file = validated(DuctFile, content, path, TABLES)
+    file = validated(DuctFile, content, path)
     fluid, sound, duct, flow = file.fluid.build(), file.sound, file.duct, file.flow
     try:
         if len(sound.impedance) != len(duct.liner):

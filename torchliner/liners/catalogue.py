@@ -70,7 +70,7 @@ def _build(content: Mapping[str, Any], path: Path) -> LinerModel:
         if "layers" in given:
             given["layers"] = [_layer(table, f"layers.{i}") for i, table in enumerate(given["layers"])]
         if "fluid" in given:
-            given["fluid"] = validated(FluidTable, given["fluid"], path, {}).build()
+            given["fluid"] = validated(FluidTable, given["fluid"], path).build()
         return made(**{**given, "name": given.get("name") or path.stem})
     except (TypeError, ValueError) as error:
         raise ValueError(str(error) if str(error).startswith(f"{path} has ") else f"{path}: {error}") from error

@@ -20,7 +20,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from torchliner.checks import phase_tensor
+from torchliner.checks import real_tensor
 from torchliner.conversions import admittance_from_reflection, reflection_from_admittance
 from torchliner.engine.drives import survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, jackknife, replicates
@@ -148,7 +148,9 @@ def phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> T
     """psi of all probes, (P, F or 1), from what was given for F = ``count`` frequencies."""
     if chosen.phase != "given" or phase is None:
         raise ValueError("phase='given' and reference_phase, in rad, one for all or per probe, go together")
-    values, shape = phase_tensor(phase).cpu(), plane.probe_shape
+    values, shape = real_tensor(phase, name="reference_phase (rad)").cpu(), plane.probe_shape
+    if not bool(torch.isfinite(values).all()):
+        raise ValueError("reference_phase holds values that are not finite; it is in rad")
     for candidate in (shape, (*shape, count)):
         with contextlib.suppress(RuntimeError):
             if not (count > 1 and values.shape == shape[-1:] == (count,)):  # of probes or of frequencies?
