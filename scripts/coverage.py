@@ -165,7 +165,7 @@ def held_by_draws(method: str, side: str, size: float, lines: int, draws: int) -
     level, phase = LEVEL_ERROR * size, PHASE_ERROR * size
     for pressure in draw_pressures(line.pressure, lines, random, level_error=level, phase_error=phase):
         found.append(METHODS[method](dataclasses.replace(line, pressure=pressure), draws=draws))
-        low, high = found[-1].interval(0.95)
+        low, high = found[-1].interval()
         held += [(low.real < WALLS.real) & (WALLS.real < high.real)]
         held += [(low.imag < WALLS.imag) & (WALLS.imag < high.imag)]
     return float(torch.stack(held).double().mean()), found

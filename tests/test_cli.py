@@ -251,7 +251,7 @@ def test_educe_prints_writes_and_draws(capsys, tmp_path):
     assert {"along_x.png", "velocity.png", "along_x.csv"} <= made
     rows = list(csv.DictReader((folder / "along_x.csv").read_text().splitlines()))
     assert len(rows) == found.impedance.shape[0]
-    assert float(rows[3]["resistance"]) == pytest.approx(float(found.resistance[3, 0]), rel=1e-6)
+    assert float(rows[3]["resistance"]) == pytest.approx(float(found.impedance[3, 0].real), rel=1e-6)
 
 
 def test_liner_prints_geometry_and_draws(capsys, tmp_path):

@@ -15,13 +15,15 @@ from test_cli import run
 import torchliner as tl
 from torchliner.cli.main import DONE
 from torchliner.records import origin
-from torchliner.records.origin import input_file, standing
+from torchliner.records.origin import input_file
 from torchliner.report.page import inputs_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
-CSV = "frequency,speed,resistance,reactance\n" + "\n".join(
-    f"{f},{v},{1 + 0.1 * v},{f / 1000 - 2}" for f in (300, 3500) for v in (0, 20)
-)
+LINER = """model = "table"
+frequency = [300, 3500]
+speed = [0, 20]
+values = [[[1, -1.7], [3, -1.7]], [[1, 1.5], [3, 1.5]]]
+"""
 
 
 @pytest.fixture
@@ -53,11 +55,10 @@ def test_of_a_large_file_blocks_count(small, tmp_path):
     for place in range(100):
         write(path, content[:place] + b"\xff" + content[place + 1 :])
         seen.append(input_file("velocity", path)["hash"] != first["hash"])
-        assert standing(first)[1] == seen[-1]
     starts = [0, 30, 61, 92]
     assert seen == [any(s <= place < s + 8 for s in starts) for place in range(100)]
     write(path, content + b"a")
-    assert standing(first) == ("another file now", True)
+    assert input_file("velocity", path)["hash"] != first["hash"]
 
 
 def test_a_folder_is_its_files_with_their_names(small, tmp_path):
@@ -83,7 +84,7 @@ def test_a_folder_is_its_files_with_their_names(small, tmp_path):
 
 @pytest.fixture
 def files(tmp_path, monkeypatch):
-    """Two parts of a plane, a pressure record, and a liner whose table is a file of its own."""
+    """Two parts of a plane, a pressure record, and a liner of a file."""
     monkeypatch.chdir(tmp_path)
     velocity = turbulence((3, 1200))
     x = np.arange(3) * 1e-3
@@ -93,8 +94,7 @@ def files(tmp_path, monkeypatch):
     tl.PressureRecord(
         facesheet=tone.expand(3, -1), backplate=tone, sampling_rate=42e3, frequency=FREQUENCY, x=x, cavity_depth=0.04
     ).write("w.h5")
-    (tmp_path / "t.csv").write_text(CSV)
-    (tmp_path / "l.toml").write_text("model = 'table'\nfile = 't.csv'")
+    (tmp_path / "l.toml").write_text(LINER)
     return tmp_path
 
 
@@ -111,7 +111,7 @@ def test_a_map_in_python_holds_its_inputs_and_phases(files):
     )
     found.write("map.h5")
     found = tl.read_map("map.h5")
-    files_of = [("velocity", "p0.h5"), ("velocity", "p1.h5"), ("liner", "l.toml"), ("liner", "t.csv")]
+    files_of = [("velocity", "p0.h5"), ("velocity", "p1.h5"), ("liner", "l.toml")]
     assert held(found) == [*files_of, ("wall pressure", "w.h5")]
     assert [each["hash"] for each in found.choices["inputs"]] == [
         hashlib.sha256((files / name).read_bytes()).hexdigest() for _, name in held(found)
@@ -137,7 +137,7 @@ def alone(*words):
 
 def test_the_command_is_kept_as_it_was_typed(files):
     words = (
-        "educe p0.h5 --liner l.toml --phase given --reference-phase -0.5 --every 2 --wall-pressure w.h5 "
+        "educe p0.h5 --liner l.toml --phase given --reference-phase -0.5 --wall-pressure w.h5 "
         "--interval none --quiet -o map.h5"
     ).split()
     alone(*words)
@@ -163,7 +163,6 @@ def test_a_line_holds_its_bursts(capsys, files):
     line = tl.read_line("line.h5")
     assert held(line) == [("bursts", "b/s0.h5"), ("bursts", "b/s1.h5")]
     assert line.choices["command"] == words
-    assert [standing(each)[0] for each in inputs_of(line)] == ["unchanged"] * 2
 
 
 def test_a_collection_stands_for_the_files_that_it_names(tmp_path):
@@ -180,16 +179,7 @@ def test_a_collection_stands_for_the_files_that_it_names(tmp_path):
     known = input_file("velocity", pvd)
     assert len(series_of(pvd)) == 3
     other.write_text("another")
-    assert standing(known) == ("unchanged", False)
+    assert input_file("velocity", pvd) == known
     frames[1].write_text("two")
-    assert standing(known)[1]
+    assert input_file("velocity", pvd) != known
     assert series_of(frames[0]) == frames
-
-
-def test_a_page_tells_no_hash_of_what_a_result_names(tmp_path):
-    """A result may name any file of its reader; a folder without end is not walked through."""
-    path = tmp_path / "secret"
-    path.write_text("secret")
-    found = standing({**input_file("velocity", path), "hash": "0" * 64})
-    assert found == ("another file now", True)
-    assert "a folder, not compared" in standing({**input_file("velocity", path), "name": "/"})[0]

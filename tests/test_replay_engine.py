@@ -195,7 +195,6 @@ def test_all_work_stays_on_the_device_of_the_data(kernels, edge):
     [
         (lambda k: build_kernels(None, RATE, velocity_max=9.0, band=(3500.0, 300.0)), "3500 Hz to 300 Hz.*upwards"),
         (lambda k: build_kernels(None, 500.0, velocity_max=9.0), "300 Hz.*500 Hz"),
-        (lambda k: whole(velocity(100, 1), k, Tones(1000.0), edge="periodic"), "2.38095 periods of 1000 Hz.*silent"),
         (lambda k: whole(velocity(100, 1), k, BandNoise(500, 600)), "500-600 Hz.*420 Hz.*widen"),
         (lambda k: whole(velocity(100, 1), k, SENT["recorded"]), "120 samples.*100.*pad"),
         (

@@ -324,7 +324,7 @@ def test_intervals_from_the_residual_hold_the_truth():
     line, held = line_of(both_ways()[0]), []
     for seed in range(40):
         found = kumaresan_tufts(off(line, 0.005, seed))
-        low, high = found.interval(0.95)
+        low, high = found.interval()
         held += [(low.real < WALLS.real) & (WALLS.real < high.real), (low.imag < WALLS.imag) & (WALLS.imag < high.imag)]
     assert 0.87 < float(torch.stack(held).double().mean()) < 0.995
 

@@ -14,8 +14,8 @@ liner = tl.load_liner("lbm_slit")
 figure, (resistance, reactance) = plt.subplots(2, 1, sharex=True, layout="constrained")
 for height in ("0.5", "2.5"):
     found = tl.educe(tl.read_plane(f"../../data/slit_n130_y{height}mm.h5"), liner)
-    resistance.plot(found.x * 1e3, found.resistance[:, 0], label=f"$y$ = {height} mm")
-    reactance.plot(found.x * 1e3, found.reactance[:, 0])
+    resistance.plot(found.x * 1e3, found.impedance[:, 0].real, label=f"$y$ = {height} mm")
+    reactance.plot(found.x * 1e3, found.impedance[:, 0].imag)
 true = found.reference["true"]
 resistance.axhline(true.real, color="0.5", linestyle="--", label="simulation itself")
 reactance.axhline(true.imag, color="0.5", linestyle="--")

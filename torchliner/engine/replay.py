@@ -53,8 +53,6 @@ class Replay:
         self.periodic = require_choice("edge rule", edge, EDGES) == "periodic"
         self.samples, self.device, rate = self.record.samples, self.record.device, self.kernels.sampling_rate
         self.sent = waves_of(self.incident.sampled(self.samples, rate))
-        if self.periodic:
-            self.incident.require_periodic(self.samples, rate)
         count = self.drive(torch.zeros(1, self.record.columns, device=self.device), 0).shape[1]
         self.columns = self.columns or count * len(self.sent)
 

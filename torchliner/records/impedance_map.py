@@ -104,16 +104,6 @@ class ImpedanceMap(Drawn, Averaged, Found):
         return self.probes["admittance"].impedance
 
     @property
-    def resistance(self) -> Tensor:
-        """Re Z of each probe as measured, (..., F)."""
-        return self.impedance.real
-
-    @property
-    def reactance(self) -> Tensor:
-        """Im Z of each probe as measured, (..., F)."""
-        return self.impedance.imag
-
-    @property
     def inferred_incident_level(self) -> Tensor:
         """Level of the wave that gives the measured v at f where v is coherent with the tone, of the amplitude
         rho c V/(1 - R), dB re 20 uPa rms, (..., F)."""

@@ -32,9 +32,6 @@ class Incident:
         frequencies beyond Nyquist, or a wave that does not suit the record."""
         raise NotImplementedError
 
-    def require_periodic(self, samples: int, sampling_rate: float) -> None:
-        """Raise a ValueError if the wave cannot repeat with the record."""
-
 
 @dataclass(frozen=True, eq=False)
 class ComplexTones(Incident):
@@ -57,16 +54,6 @@ class ComplexTones(Incident):
     def sampled(self, samples: int, sampling_rate: float) -> Tensor:
         """complex128, (F, T)."""
         return torch.exp(1j * self._angles(samples, sampling_rate))
-
-    def require_periodic(self, samples: int, sampling_rate: float) -> None:
-        """The record must hold whole periods of each tone."""
-        for f in self.frequency.tolist():
-            periods = f * samples / sampling_rate
-            if abs(periods - round(periods)) > 1e-6 * max(1, periods):
-                raise ValueError(
-                    f"the record holds {periods:.6g} periods of {f:g} Hz and cannot repeat; cut it to whole periods "
-                    "or take edge='silent'"
-                )
 
     def _angles(self, samples: int, sampling_rate: float) -> Tensor:
         """omega t, (F, T)."""

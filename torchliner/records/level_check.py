@@ -1,12 +1,10 @@
 """Level check: the pressure that velocity and impedance imply, against one that is known."""
 
 import math
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.records.declared import part, record, var
 
 UNKNOWN = "not checked, state incident_level= or give wall pressures"
@@ -93,49 +91,12 @@ class LevelCheck:
         verdict = self.verdict(averaging, index)
         if verdict in ("", PASSES):
             return ""
-        start = (
-            f"level check at {frequency:g} Hz, {averaging}: {self.words(averaging, index)}, off {self.known}, limit "
-            f"{self.limit:.2g} dB or {self.limit * DEGREES_PER_DB:.2g} degrees"
-        )
-        if verdict == INCONCLUSIVE:
-            return f"{start}: take a longer record"
-        implied = float(self.pressure_level[index] + self.liner.level[self.averagings.index(averaging), index])
-        passing = " and ".join(each for each in self.averagings if self.verdict(each, index) == PASSES)
         tried = "give a run without sound (--background), calibrate the model, or take another height"
         return (
-            f"{start}. The velocity is not that of the cell, or the model is wrong, or the level is {implied:.1f} dB; "
-            f"{f'{passing} passes: take it' if passing else tried}"
+            f"level check at {frequency:g} Hz, {averaging}: {self.words(averaging, index)}, off {self.known}, limit "
+            f"{self.limit:.2g} dB or {self.limit * DEGREES_PER_DB:.2g} degrees: "
+            f"{'take a longer record' if verdict == INCONCLUSIVE else tried}"
         )
-
-
-def level_check_of(
-    ratio: Tensor, ends: Tensor | None, has_phase: bool, pressure: Tensor, chosen: Any, **about: Any
-) -> LevelCheck:
-    """From the complex ratio of implied to known pressure, (A, 1 + places, F), the whole first; nan where unknown.
-
-    Args:
-        ends: of the interval of its logarithm less that of the value (real part: nepers, imaginary part: rad), (2, A,
-            1 + places, F); None without one.
-        has_phase: whether its phase means anything.
-        pressure: that is known, Pa, (F,).
-        chosen: ``Choices``, with the limit and the level of the interval.
-        about: averagings, averaging, known, kind.
-    """
-    nothing = torch.full(ratio.shape, torch.nan, dtype=torch.float64)
-    low, high = (torch.complex(nothing, nothing),) * 2 if ends is None else ends
-    level, per_neper = 20 * torch.log10(ratio.abs()), 20 / math.log(10)
-    phase = torch.rad2deg(ratio.angle()) if has_phase else nothing
-    gap = [level, level + per_neper * low.real, level + per_neper * high.real]
-    gap += [phase, phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag)]
-    return LevelCheck(
-        pressure_level=spl_from_pressure_amplitude(pressure),
-        limit=chosen.level_limit + chosen.level_uncertainty,
-        uncertainty=chosen.level_uncertainty,
-        confidence=None if ends is None else chosen.interval,
-        liner=Gap(*(value[:, 0] for value in gap)),
-        cells=Gap(*(value[:, 1:] for value in gap)),
-        **about,
-    )
 
 
 @record

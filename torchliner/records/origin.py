@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from decimal import Decimal
-from itertools import groupby, pairwise
+from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,30 +25,16 @@ BLOCK, BLOCKS = 1 << 20, 32
 NAMED = re.compile(rb"""\bfile\s*=\s*["']([^"']+)["']|"name"\s*:\s*"([^"]+)\"""")
 SERIES = (".pvd", ".series", ".vtp", ".vtu", ".vti", ".vts", ".vtr", ".vtm", ".vtk")
 NUMBER = re.compile(r"(.*?)(\d+(?:\.\d+)?(?:[eE][-+]\d{1,3})?)")  # plane_0.0012, plane_1.2e-03
-COUNTER = re.compile(r"(.*?)(\d+)")
-FAR = 10  # steps between two frames of what is no one series
 State = tuple[tuple[str, int, int, int], ...]  # of files: name, bytes, time of change, inode
 Result = TypeVar("Result", bound=Any)
 
 
 def numbered_series(folder: Path, endings: Collection[str]) -> dict[str, dict[Path, Decimal]]:
-    """Files with a number at the end of their names, by the name before it, in its order.
-
-    A decimal is one number, as where names tell times: t_0.9 and t_1.0 are of one series. y1.001, y1.002, y2.001,
-    y2.002 are of two: read as decimals they would leave far gaps.
-    """
-
-    def by_name(pattern: re.Pattern[str], files: Iterable[Path]) -> dict[str, dict[Path, Decimal]]:
-        rows = [(part[1], Decimal(part[2]), each) for each in files if (part := pattern.fullmatch(each.stem))]
-        return {name: {each: n for _, n, each in own} for name, own in groupby(sorted(rows), key=itemgetter(0))}
-
-    found = by_name(NUMBER, (each for each in folder.iterdir() if each.suffix in endings))
-    for name, files in [*found.items()]:
-        steps = sorted(high - low for low, high in pairwise(files.values()))
-        if steps and steps[-1] > FAR * steps[0]:
-            del found[name]
-            found |= by_name(COUNTER, files)
-    return found
+    """Files with a number at the end of their names, by the name before it, in its order. A decimal is one number, as
+    where names tell times: t_0.9 and t_1.0 are of one series."""
+    files = [each for each in folder.iterdir() if each.suffix in endings]
+    rows = [(part[1], Decimal(part[2]), each) for each in files if (part := NUMBER.fullmatch(each.stem))]
+    return {name: {each: n for _, n, each in own} for name, own in groupby(sorted(rows), key=itemgetter(0))}
 
 
 def series_of(path: Path) -> list[Path]:
@@ -116,17 +102,3 @@ def described(stored: Mapping[str, Any]) -> str:
     """An input in words."""
     blocks = f" of sizes and {BLOCKS} blocks" if stored["bytes"] > BLOCKS * BLOCK else ""
     return f"{stored['name']}, {stored['bytes']:,} bytes; SHA-256{blocks}: {stored['hash']}"
-
-
-def standing(stored: Mapping[str, Any]) -> tuple[str, bool]:
-    """Of an input that a result holds: whether it is what it was, in words, and whether it is another now. A result may
-    name any file, and a page is handed on: no present hash is shown, and no folder is searched."""
-    name = str(stored["name"])
-    if not os.path.isfile(name):
-        return "not there now, or a folder, not compared", False
-    try:
-        now = input_file(stored["what"], name)
-    except OSError as error:
-        return f"not compared: {error.strerror or error}", False
-    same = (now["bytes"], now["hash"]) == (stored["bytes"], stored["hash"])
-    return "unchanged" if same else "another file now", not same

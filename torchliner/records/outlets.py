@@ -5,7 +5,6 @@ when they are called.
 """
 
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,7 +15,7 @@ from torchliner.checks import index_of_frequency
 from torchliner.names import resolve
 from torchliner.records.declared import variables_of
 
-MOST = 12  # rows of a notebook's table
+MOST = 12  # frequencies that are shown
 UNSAID = ("frequency", "columns", "rows")  # dimensions
 
 
@@ -41,13 +40,13 @@ class Summarised:
         title = f" {of.title!r}" if getattr(of, "title", "") else ""
         return f"{type(self).__name__}{title}: {', '.join(words)}"
 
-    def _facts(self) -> list[tuple[str, str]]:
+    def _facts(self) -> list[str]:
         """Z at each frequency, with the bounds of its interval, or what is stated."""
         of: Any = getattr(self, "plane", self)
         if (known := self._answer()) is None:
             rows = [row for row in variables_of(type(of)) if not row.dims and getattr(of, row.field) is not None]
-            numbers = [(row.field, f"{float(getattr(of, row.field)):g} {row.unit.removeprefix('1')}") for row in rows]
-            return [*((name, text) for name in ("liner", "source_side") if (text := getattr(of, name, ""))), *numbers]
+            numbers = [f"{row.field}: {float(getattr(of, row.field)):g} {row.unit.removeprefix('1')}" for row in rows]
+            return [f"{name}: {text}" for name in ("liner", "source_side") if (text := getattr(of, name, ""))] + numbers
         impedance, interval, level = known
         facts = []
         for i, (f, z) in enumerate(zip(of.frequency.tolist(), impedance.tolist(), strict=True)):
@@ -55,18 +54,11 @@ class Summarised:
             if interval is not None and level is not None:
                 low, high = interval.bounds(i)
                 text += f", {100 * level:g} %: R {low.real:.3f} to {high.real:.3f}, X {low.imag:.3f} to {high.imag:.3f}"
-            facts.append((f"{f:g} Hz", text))
+            facts.append(f"{f:g} Hz: {text}")
         return facts
 
     def __repr__(self) -> str:
-        return "\n  ".join([self._heading(), *(": ".join(fact) for fact in self._facts()[:1])])
-
-    def _repr_html_(self) -> str:
-        """For notebooks: the heading above a table."""
-        facts = self._facts()
-        rows = [*facts[:MOST], *([("...", f"{len(facts) - MOST} more")] if facts[MOST:] else [])]
-        cells = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows)
-        return f"<div><b>{escape(self._heading())}</b><table>{cells}</table></div>"
+        return "\n  ".join([self._heading(), *self._facts()[:MOST]])
 
 
 class Written(Summarised):

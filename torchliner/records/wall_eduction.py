@@ -136,18 +136,15 @@ class DrawnImpedance(Written, Reported):
             return None
         return torch.view_as_complex(self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt().contiguous())
 
-    def interval(self, level: float = LEVEL) -> tuple[Tensor, Tensor]:
-        """Bounds of a statistical interval: real parts bound R, imaginary parts X.
+    def interval(self) -> tuple[Tensor, Tensor]:
+        """Bounds of the statistical interval of ``LEVEL``: real parts bound R, imaginary parts X.
 
-        The middle ``level`` of the draws; without draws Student's interval, or the normal one of stated errors, to
-        first order.
+        The middle of the draws; without draws Student's interval, or the normal one of stated errors, to first order.
 
         Raises:
-            ValueError: a level that is not between 0 and 1; neither draws nor a covariance.
+            ValueError: neither draws nor a covariance.
         """
-        if not 0 < level < 1:
-            raise ValueError(f"level is {level:g}; it must be between 0 and 1 (95 % is 0.95)")
-        share = (1 + level) / 2
+        share = (1 + LEVEL) / 2
         if self.draws is None:
             if self.deviation is None:
                 raise ValueError(f"{self.method}: no covariance is known; educe with draws=500")

@@ -16,8 +16,7 @@ from torchliner.io.own_file import read_line, read_map, read_points, read_wall
 from torchliner.io.whole_file import HDF5, printable, writable, written_whole
 from torchliner.names import __version__
 from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, PointImpedances, WallEduction
-from torchliner.records.notes import Note
-from torchliner.records.origin import described, input_file, standing
+from torchliner.records.origin import described, input_file
 from torchliner.report.answer import Answer, Grid, answer_of, ordered
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.table import DIGITS, flat_words, table_of
@@ -70,17 +69,12 @@ def write_page(answer: Answer, path: str | Path) -> None:
     environment.globals.update(csv=csv_link, svg=svg_link)
     stated = {name: value for name, value in answer.choices.items() if name not in APART}
     rows = [{"choice": name.replace("_", " "), "value": text} for name, text in flat_words(stated)]
-    inputs = [(each, *standing(each)) for each in inputs_of(*answer.results)]
-    changed = [
-        Note("changed-input", f"{each['what']}: {each['name']} is {words}; it is not what the result was made of")
-        for each, words, other in inputs
-        if other
-    ]
+    inputs = inputs_of(*answer.results)
     html = environment.from_string(template).render(
         answer=answer,
-        warnings=ordered([*changed, *answer.notes]),
+        warnings=ordered(answer.notes),
         choices=[Grid("choices", "Every choice behind the result.", table_of(rows, "choice,value"))] if rows else [],
-        origin=[*((each["what"], f"{described(each)}; {words}") for each, words, _ in inputs), *_made_by(answer)],
+        origin=[*((each["what"], described(each)) for each in inputs), *_made_by(answer)],
         cite=CITE,
         most=MOST_ROWS,
         css=css,

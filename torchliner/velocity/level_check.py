@@ -26,17 +26,21 @@ from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
-from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl
+from torchliner.conversions import (
+    impedance_from_reflection,
+    pressure_amplitude_from_spl,
+    spl_from_pressure_amplitude,
+)
 from torchliner.engine.drives import phase_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife
 from torchliner.engine.moments import Moments
 from torchliner.engine.tones import segment_amplitudes
 from torchliner.fluid import Fluid
 from torchliner.liners.model import LinerModel
-from torchliner.records import PressureRecord
+from torchliner.records import Gap, PressureRecord
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import sort_into_cells
-from torchliner.records.level_check import UNKNOWN, LevelCheck, LevelMatched, level_check_of
+from torchliner.records.level_check import UNKNOWN, LevelCheck, LevelMatched
 from torchliner.records.notes import Note
 from torchliner.velocity.averages import Averages, average
 from torchliner.velocity.choices import Choices
@@ -106,9 +110,24 @@ def check_level(
             logarithm = torch.where(unknown, 0, torch.log(torch.where(unknown, 1, change)))
             interval = jackknife(logarithm, lengths / lengths.sum(), chosen.interval, ITSELF)
             bounds.append(torch.stack([interval.low, interval.high]).masked_fill(unknown, torch.nan))
-    ends = torch.stack(bounds, 1) if len(bounds) == len(ratios) else None
-    about = {"averagings": tuple(found), "averaging": averaging, "known": known.words, "kind": known.kind}
-    check = level_check_of(torch.stack(ratios), ends, known.has_phase, known.pressure[0], chosen, **about)
+    ratio = torch.stack(ratios)  # (A, 1 + C, F)
+    has_bounds, unknown_ends = len(bounds) == len(ratios), torch.full_like(ratio, complex(math.nan, math.nan))
+    low, high = torch.stack(bounds, 1) if has_bounds else torch.stack([unknown_ends, unknown_ends])
+    level, phase = 20 * torch.log10(ratio.abs()), torch.rad2deg(ratio.angle() if known.has_phase else unknown_ends.imag)
+    gap = [level, level + PER_NEPER * low.real, level + PER_NEPER * high.real]
+    gap += [phase, phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag)]
+    check = LevelCheck(
+        averagings=tuple(found),
+        averaging=averaging,
+        known=known.words,
+        kind=known.kind,
+        pressure_level=spl_from_pressure_amplitude(known.pressure[0]),
+        limit=chosen.level_limit + chosen.level_uncertainty,
+        uncertainty=chosen.level_uncertainty,
+        confidence=chosen.interval if has_bounds else None,
+        liner=Gap(*(value[:, 0] for value in gap)),
+        cells=Gap(*(value[:, 1:] for value in gap)),
+    )
     texts = [check.sentence(averaging, f, i) for i, f in enumerate(frequency.tolist())]
     return check, "checked", [Note("level-check", f"{name}: {text}") for text in texts if text]
 
