@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 import torchliner as tl
 from common import FIGURES, options_of, parser_of
@@ -124,7 +125,8 @@ def impedances(facility: Facility, side: str, one: Educed) -> list[Row]:
     rows = []
     for found in (one.by_modes, one.by_field):
         row = Row(facility=facility.name, source=side, method=found.method, impedance=complex(found.impedance[0]))
-        row |= {"mean": complex(found.mean[0]), "std": complex(found.deviation[0])}  # type: ignore[index]
+        drawn = found.drawn[:, 0]
+        row |= {"mean": complex(drawn[torch.isfinite(drawn)].mean()), "std": complex(found.deviation[0])}  # type: ignore[index]
         row |= {"true": facility.truth[side], "paper": facility.paper[side], "draws": found.choices["draws"]}
         rows.append(Row(row))
     return rows

@@ -136,7 +136,7 @@ def test_a_phase_rule_bounds_the_others(added, liner, tmp_path):
     probes = found.probes["admittance"]
     assert bool((probes.reflection.abs() <= least + 1e-12).all())
     assert bool((probes.reflection.abs() > least - 5e-3).all())
-    assert bool((probes.low.real < probes.resistance).all())
+    assert bool((probes.low.real < probes.impedance.real).all())
     plane.write(tmp_path / "p.h5")
     words = ["educe", str(tmp_path / "p.h5"), "--liner", "polito", "--quiet"]
     assert main([*words, "--phase", "most-absorbing", "-o", str(tmp_path / "m.h5")]) == 0

@@ -56,10 +56,7 @@ def test_selection():
     one = line.at([1500.0])
     assert torch.equal(one.pressure, line.pressure[:, 1:])
     assert torch.equal(one.coherence, line.coherence[:, 1:])
-    for wrong in ([3, 12], [0.5, 1]):
-        with pytest.raises(ValueError, match="has microphones 0 to 11"):
-            line.select(wrong)
-    with pytest.raises(ValueError, match="1 microphones lie over the liner, 20 to 30 mm"):
+    with pytest.raises(ValueError, match="two"):
         line_of(liner_start=0.02, liner_end=0.03).over_liner()
     for margin in (-5e-3, math.nan):  # below 0 it would take in microphones beside the liner
         with pytest.raises(ValueError, match="margin is"):

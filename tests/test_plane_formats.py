@@ -223,7 +223,7 @@ def test_times_without_a_unit_or_in_single_precision():
 
 def test_our_own_file_through_xarray_is_the_plane_itself(tmp_path):
     velocity = np.moveaxis(VALUES, 0, -1).copy()
-    about = {"streamwise": velocity + 9, "frequency": 1400.0, "fluid": tl.Fluid(340.0), "area": np.full(12, 1e-6)}
+    about = {"frequency": 1400.0, "fluid": tl.Fluid(340.0), "area": np.full(12, 1e-6)}
     about |= {"x": X, "z": Z, "reference": {"true": 1 - 0.5j}, "provenance": {"run": [1, "b"]}, "liner": "onera"}
     about |= {"mach": 0.3, "source_side": "upstream", "title": "a case", "incident_level": 130.0, "start": 0.25}
     wanted = tl.VelocityPlane(velocity, sampling_rate=RATE, height=1e-3, **about)
@@ -267,7 +267,7 @@ def test_a_lazy_dataset_stays_so(tmp_path):
     path = written(dataset(), tmp_path, "netcdf4")
     with xarray.open_dataset(path, engine="h5netcdf", chunks={"time": 7}) as data:
         found = tl.VelocityPlane.from_xarray(data)
-        assert found.stored is not None
+        assert not isinstance(found.velocity, torch.Tensor)
         same_plane(found.load())
 
 

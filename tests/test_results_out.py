@@ -164,7 +164,7 @@ def test_rows_of_probes_and_cells():
     assert one["resistance"].item() == float(result.impedance[1, 1, 1].real)
     cells = result.to_dataframe("cells")
     for name in result.averagings:
-        assert cells[f"reactance, {name}"].tolist() == result.cells[name].reactance.reshape(-1).tolist()
+        assert cells[f"reactance, {name}"].tolist() == result.cells[name].impedance.imag.reshape(-1).tolist()
         assert cells[f"resistance_low, {name}"].tolist() == result.cells[name].low.real.reshape(-1).tolist()
     assert set(points().to_dataframe("liners")["place"]) == {"liner"}
     rows = line().to_dataframe()
@@ -203,9 +203,9 @@ def test_paraview_sees_each_probe_at_its_place(place, ending, tmp_path):
     wanted = np.stack([x, np.full_like(x, 1e-3), np.broadcast_to(z, x.shape)], 1)
     np.testing.assert_allclose(seen.points, wanted, atol=1e-9)
     for i, frequency in enumerate(TONES):
-        for part in ("resistance", "reactance"):
-            values = getattr(result.probes["admittance"], part)[..., i].reshape(-1)
-            np.testing.assert_allclose(seen[f"{part}_{frequency:g}Hz"], values, rtol=1e-6)
+        for name, part in (("resistance", "real"), ("reactance", "imag")):
+            values = getattr(result.impedance, part)[..., i].reshape(-1)
+            np.testing.assert_allclose(seen[f"{name}_{frequency:g}Hz"], values, rtol=1e-6)
     assert seen.n_cells == (2 if place in ("plane", "uneven") else len(x))
     if seen.n_cells == 2:
         around = seen.points[seen.regular_faces]

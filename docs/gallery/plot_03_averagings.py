@@ -14,7 +14,7 @@ liner = tl.load_liner("lbm_slit")
 heights = (0.5, 1.0, 1.5, 2.5)
 maps = [tl.educe(tl.read_plane(f"../../data/slit_g03_145_y{y}mm.h5"), liner) for y in heights]
 for averaging in maps[0].averagings:
-    plt.plot(heights, [m.liner[averaging].resistance[0] for m in maps], "o-", label=averaging)
+    plt.plot(heights, [m.liner[averaging].impedance[0].real for m in maps], "o-", label=averaging)
 plt.axhline(maps[0].reference["true"].real, color="0.5", linestyle="--", label="reference")
 plt.xlabel("$y$ (mm)")
 plt.ylabel("$R$")

@@ -19,7 +19,7 @@ frequency = [n / plane.duration for n in range(6, 31, 2)]  # lines of the record
 swept = tl.replay(plane, liner, tl.Sweep(300, 3400), frequency)
 mean = tl.educe(plane, liner, frequency, interval=None)
 for found, style, about in ((swept, "o", "sweep"), (mean, "-", "mean response")):
-    resistance = found.liner["admittance"].resistance
+    resistance = found.liner["admittance"].impedance.real
     plt.plot(found.frequency / 1e3, resistance, "C0" + style, label=about)
 plt.xlabel("$f$ (kHz)")
 plt.ylabel("$R$")

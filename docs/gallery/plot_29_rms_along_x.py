@@ -7,6 +7,7 @@ at all heights: figure 16 of the paper. Slits under two flows stand in for its
 simulation; over a hard wall, without a liner, at 0.52, 1.04 and 2.44 mm, nothing depends on x.
 """
 
+from contextlib import suppress
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -21,11 +22,12 @@ for column, case, head in zip(rows.T, cases, heads, strict=True):
     for path in sorted(data.glob(f"{case}_y*.h5")):
         plane = tl.read_plane(path)
         near = round(2e3 * plane.height) / 2  # mm
-        for axis, v in zip(column, (plane.velocity, plane.streamwise), strict=True):
-            if v is not None:
-                rms = v.var(-1).reshape(-1, len(plane.x)).mean(0).sqrt()  # over z
-                style = f"C{heights.index(near)}"
-                axis.plot(plane.x * 1e3, rms, style, label=f"$y$ = {near:g} mm")
+        parts = [plane.velocity]
+        with suppress(ValueError):  # of files without it
+            parts.append(tl.read_plane(path, variable="streamwise_velocity").velocity)
+        for axis, v in zip(column, parts, strict=False):
+            rms = v.var(-1).reshape(-1, len(plane.x)).mean(0).sqrt()  # over z
+            axis.plot(plane.x * 1e3, rms, f"C{heights.index(near)}", label=f"$y$ = {near:g} mm")
     column[0].set_title(head, loc="left")
     column[1].set_xlabel("$x$ (mm)")
     for axis in column:

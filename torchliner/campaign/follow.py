@@ -165,7 +165,7 @@ class Frames:
         for begin in range(self._done, plane.samples, rows):
             slab = plane.read(begin, min(begin + rows, plane.samples))
             self._done = begin + len(slab)
-            yield dataclasses.replace(plane, velocity=slab.T.reshape(*plane.probe_shape, -1), streamwise=None)
+            yield dataclasses.replace(plane, velocity=slab.T.reshape(*plane.probe_shape, -1))
 
 
 def _natural(path: Path) -> list[Any]:

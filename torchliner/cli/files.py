@@ -34,7 +34,7 @@ def convert(options: argparse.Namespace) -> None:
         plane = replace(plane, incident_level=None)
     plane = replace(plane, **options.facts, provenance={**plane.provenance, "file": options.plane.name})
     tell([note.text for note in plane_notes(plane, plane.frequency)])
-    size = plane.velocity.dtype.itemsize * plane.probes * plane.samples * (1 if plane.streamwise is None else 2)
+    size = plane.velocity.dtype.itemsize * plane.probes * plane.samples
     with work.progress_bar(size, options, unit="B") as step:
         write_plane(plane, options.output, progress=step)
     plain = {"output": str(options.output), "probes": [*plane.probe_shape], "samples": plane.samples}

@@ -45,7 +45,7 @@ class ReducedVelocity:
 def without_velocity(plane: VelocityPlane) -> VelocityPlane:
     """All else that is stated of a plane, which was checked when it was made."""
     left, shape = copy.copy(plane), tuple(plane.velocity.shape)
-    vars(left).update(velocity=ReducedVelocity(shape, plane.velocity.dtype, plane.name), streamwise=None)
+    vars(left).update(velocity=ReducedVelocity(shape, plane.velocity.dtype, plane.name))
     return left
 
 

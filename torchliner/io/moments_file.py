@@ -75,7 +75,7 @@ def write_moments(known: Moments, path: str | Path) -> None:
     }
     held = ((known, KNOWN), (seen, SURVEY), (known.cells, CELLS), (known.locked, LOCKED))
     with new_file(path) as file:
-        fill(file, plane, unsaid=("velocity", "streamwise", "area"), **said)
+        fill(file, plane, unsaid=("velocity", "area"), **said)
         for owner, table in held if known.locked else held[:-1]:
             for row in table:
                 value = getattr(owner, row.field)
@@ -121,7 +121,7 @@ def read_moments(path: str | Path) -> Moments:
         found = {row.field: read_row(file, row, path) for row in there}
         area = read_row(file, AREA, path) if is_there(file, AREA.field, path) else None
         about: dict[str, Any] = {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
-        about |= {"velocity": ReducedVelocity(shape, precision, str(path)), "streamwise": None, "name": str(path)}
+        about |= {"velocity": ReducedVelocity(shape, precision, str(path)), "name": str(path)}
         plane = take(file, VelocityPlane, path, about | {"sampling_rate": blocks.sampling_rate, "area": area})
         lines, turns = found["lines"], found.get("turns", torch.zeros(0, dtype=torch.float64))
         count = {"point": plane.probes, "block": blocks.count, "line": len(lines), "turn_row": 1 + 2 * len(turns)}

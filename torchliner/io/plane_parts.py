@@ -87,13 +87,9 @@ def join_planes(planes: Sequence[VelocityPlane], overlap: str = "refuse") -> Vel
     joined = [{"file": each.name, "start": each.start, "samples": each.samples} for _, each in pieces]
     name, shape = f"{first.name} and {len(pieces) - 1} more", (*first.probe_shape, at + owner.samples)
     pieces = pieces[::-1] if overlap == "later" else pieces
-    streams = None
-    if all(each.streamwise is not None for _, each in pieces):
-        streams = JoinedVelocity([(low, replace(each, velocity=each.streamwise)) for low, each in pieces], shape, name)
     return replace(
         first,
         velocity=JoinedVelocity(pieces, shape, name),
-        streamwise=streams,
         sampling_rate=rate,
         name=name,
         provenance={**first.provenance, JOINED: joined, "overlaps": notes},
@@ -154,11 +150,10 @@ def select(plane: VelocityPlane, start: float | None = None, stop: float | None 
             f"{plane.name} has no sample from {times[0]:g} to {times[1]:g} s; it runs from {plane.start:.9g} to "
             f"{plane.start + (plane.samples - 1) / plane.sampling_rate:.9g} s"
         )
-    about: dict[str, Any] = {"provenance": {**plane.provenance, "selected": chosen}}
-    for name in ("velocity", "streamwise"):
-        value = getattr(plane, name)
-        if isinstance(value, Tensor):
-            about[name] = value[..., begin:end]
-        elif value is not None:
-            about[name] = SelectedVelocity(value, (*plane.probe_shape, end - begin), begin)
-    return replace(plane, start=plane.start + begin / plane.sampling_rate, **about)
+    kept: Any = plane.velocity
+    if isinstance(kept, Tensor):
+        kept = kept[..., begin:end]
+    else:
+        kept = SelectedVelocity(kept, (*plane.probe_shape, end - begin), begin)
+    provenance, after = {**plane.provenance, "selected": chosen}, begin / plane.sampling_rate
+    return replace(plane, velocity=kept, start=plane.start + after, provenance=provenance)

@@ -21,10 +21,7 @@ from torchliner.records.declared import Variable, table_of
 from torchliner.records.slabs import read_ahead, slab_bounds
 
 OVERHEAD = 1 << 20  # bytes of HDF5's own indices
-SIGNALS = (
-    Variable("velocity", "m/s", name="wall_normal_velocity", attributes={"positive": "away from the liner"}),
-    Variable("streamwise", "m/s", name="streamwise_velocity"),
-)
+VELOCITY = Variable("velocity", "m/s", name="wall_normal_velocity", attributes={"positive": "away from the liner"})
 REFLECTED = Variable("reflected")
 (AREA,) = table_of(VelocityPlane, "area")
 
@@ -32,27 +29,24 @@ REFLECTED = Variable("reflected")
 def write_plane(plane: VelocityPlane, path: str | Path, *, progress: Callable[[int], Any] | None = None) -> None:
     """Write a plane to .h5 or .nc, contiguous, as fast as the disk; an old file is replaced when the new one is whole.
     ``progress`` is called with the number of bytes after each slab. An OSError where the disk is full."""
-    signals = [(row, value) for row in SIGNALS if (value := getattr(plane, row.field)) is not None]
     dims, shape = ("time", *plane.axes["probes"]), (plane.samples, *plane.probe_shape)
     with in_memory() as (buffer, file):
         write_times(file, plane)
-        fill(file, plane, unsaid=("velocity", "streamwise", "area"), schema="torchliner plane 1")
-        size = sum(_announce(file, row, dims, shape, value.dtype) for row, value in signals)
+        fill(file, plane, unsaid=("velocity", "area"), schema="torchliner plane 1")
+        size = _announce(file, VELOCITY, dims, shape, plane.velocity.dtype)
         if plane.area is not None:
             write_row(file, AREA, plane.area.reshape(shape[1:]), plane.axes)
     with _filled_later(path, buffer.getvalue(), size) as open_file:
         bounds = slab_bounds(plane.samples, plane.probes)
-        for row, value in signals:
-            dataset = open_file[row.names[0]]
-            if isinstance(value, Tensor):
-                whole = value.detach().movedim(-1, 0)
-                slabs: Iterator[Tensor] = (whole[low:high].cpu() for low, high in bounds)
-            else:
-                slabs = read_ahead(value, bounds, torch.device("cpu"))
-            for (low, high), slab in zip(bounds, slabs, strict=True):
-                dataset[low:high] = slab.numpy().reshape(high - low, *shape[1:])
-                if progress is not None:
-                    progress(slab.nbytes)
+        if isinstance(plane.velocity, Tensor):
+            whole = plane.velocity.detach().movedim(-1, 0)
+            slabs: Iterator[Tensor] = (whole[low:high].cpu() for low, high in bounds)
+        else:
+            slabs = read_ahead(plane.velocity, bounds, torch.device("cpu"))
+        for (low, high), slab in zip(bounds, slabs, strict=True):
+            open_file[VELOCITY.names[0]][low:high] = slab.numpy().reshape(high - low, *shape[1:])
+            if progress is not None:
+                progress(slab.nbytes)
 
 
 @contextmanager

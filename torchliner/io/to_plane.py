@@ -27,7 +27,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.declared import variables_of
 
 HEAD = {"title": str, "source_side": str, "liner": str, "provenance": dict[str, Any]}  # attributes of our files
-VELOCITY, STREAMWISE, AREA = "wall_normal_velocity", "streamwise_velocity", "area"
+VELOCITY, AREA = "wall_normal_velocity", "area"
 STATED = {row.field: row.unit for row in variables_of(VelocityPlane) if not row.dims and row.field != "start"}
 STATED |= FLUID_UNITS
 ROLES = {"t": "time"} | {f"{axis}_unique": axis for axis in "xyz"}  # the latter in files of MATLAB
@@ -69,11 +69,8 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
         for each in near.values():
             if case.get(name) is None and role_of(each.name) == word and (ours or each.size == count):
                 case[name] = coordinate(each, count, request.length_units)
-    own = near if ours else {}
-    if stream := own.get(STREAMWISE):
-        case["streamwise"] = VariableVelocity(stream, source.opens, order, stream.signal_factor("m/s"))
-    if area := own.get(AREA):
-        case["area"] = area.si("m2")
+    if ours and AREA in near:
+        case["area"] = near[AREA].si("m2")
     case |= {"start": start, "name": velocity.label, "reference": references_of(fields)}
     with naming(path):
         stored = VariableVelocity(velocity, source.opens, order, sign * factor)

@@ -92,8 +92,7 @@ class AtProbes(OfOneTone):
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
         if not 0 < len(shape) <= 3 or 0 in shape:
             raise ValueError(
-                f"{self.name}: a signal has shape {tuple(shape)}; it needs at least one probe and one sample, time "
-                "last, with probe axes (z, x), (x) or (probe): flatten others to (probe) and give x and z per probe"
+                f"{self.name}: a signal has shape {tuple(shape)}; (z, x, time), (x, time) or (probe, time) is needed"
             )
         for label, along in {"x": -1, "z": 0}.items():
             wanted = shape[:-1][along] if len(shape) == 3 else self.probes
@@ -196,13 +195,12 @@ def require_same_run(plane: Any, record: Any) -> None:
 
 def require_same_probes(first: Any, other: Any) -> None:
     """Refuse files of one plane whose probes or stated case differ, by a ValueError that names what does."""
-    both = f"{first.name} and {other.name} cannot be joined"
-    if other.probe_shape != first.probe_shape:
-        raise ValueError(f"{both}: their probes have shapes {first.probe_shape} and {other.probe_shape}")
-    for name in ("x", "z"):
-        mine, theirs = getattr(first, name), getattr(other, name)
-        if (mine is None) != (theirs is None) or (mine is not None and float((mine - theirs).abs().max()) > SAME_PLACE):
-            raise ValueError(f"{both}: their probes are apart in {name}")
+    same, both = first.probe_shape == other.probe_shape, ((first.x, other.x), (first.z, other.z))
+    for mine, theirs in both if same else ():
+        same &= (mine is None) == (theirs is None)
+        same = same and (mine is None or float((mine - theirs).abs().max()) <= SAME_PLACE)
+    if not same:
+        raise ValueError(f"{first.name} and {other.name} cannot be joined: their probes have other shapes or places")
     require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 
 

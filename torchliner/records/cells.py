@@ -16,13 +16,7 @@ WHOLE = 0.9  # share of a pitch that probes must span for a cell to count
 
 @dataclass(frozen=True)
 class Cells:
-    """Probes sorted into whole cells.
-
-    Args:
-        labels: cell of each probe, int64, (P,); -1 for probes in a cell that is not whole.
-        x, z: centres, m, (C,); nan where the plane has no such coordinate.
-        weight: share of its probes that a cell has, above 0 to 1, (C,); None: all the same.
-    """
+    """Probes sorted into whole cells: -1 of those that are not whole, nan where the plane has no such coordinate."""
 
     labels: Tensor = var("point", name="cell_of_probe", text="cell of each probe, -1 for none")
     x: Tensor = var("cell", unit="m", name="cell_x", text="streamwise coordinate of the centre of a cell")

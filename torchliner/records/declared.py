@@ -20,32 +20,21 @@ Kind = TypeVar("Kind", bound=type)
 class Variable:
     """How a field stands in a file.
 
-    Args:
-        field: of the record.
-        unit: SI, of record and file; the reader converts other units of the same quantity.
-        dims: names of the axes, () for one number. "time", last in records, is first in files; those of
-            ``checked.SEVERAL`` stand for what the ``axes`` of the record say.
-        kind: real, flag (0 and 1 in the file), text or complex (two variables, ``_real`` and ``_imaginary``); what
-            users give and ``checked.check`` makes a tensor of is a signal or places.
-        text: what it is.
-        name: of the variable; default that of the field. An impedance has "{}" where the names of its two variables
-            have resistance and reactance.
-        optional: may be None in the record and absent from the file.
-        wide: a sum, a bound or a quotient, which may be infinite or far from all that is measured.
-        range: of the values of a record, such as "[0, 1)"; "" for any.
-        attributes: beside ``units`` and ``long_name``.
+    Of its ``dims``, () for one number, "time" is last in records and first in files; those of ``checked.SEVERAL`` stand
+    for what the ``axes`` of the record say. Its ``kind`` is real, flag (0 and 1 in the file), text or complex (two
+    variables); what users give and ``checked.check`` makes a tensor of is a signal or places.
     """
 
-    field: str
-    unit: str = "1"
+    field: str  # of the record
+    unit: str = "1"  # SI, of record and file; the reader converts other units of the same quantity
     dims: tuple[str, ...] = ()
     kind: str = "real"
     text: str = ""
-    name: str = ""
-    optional: bool = False
-    wide: bool = False
-    range: str = ""
-    attributes: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    name: str = ""  # default that of the field; of an impedance with "{}" for resistance and reactance
+    optional: bool = False  # may be None in the record and absent from the file
+    wide: bool = False  # a sum, a bound or a quotient, which may be infinite or far from all that is measured
+    range: str = ""  # of the values of a record, such as "[0, 1)"; "" for any
+    attributes: Mapping[str, str] = dataclasses.field(default_factory=dict)  # beside ``units`` and ``long_name``
 
     @property
     def parts(self) -> dict[str, str]:
@@ -66,12 +55,8 @@ class Variable:
 @dataclass(frozen=True)
 class Part:
     """How a record within a record stands in its file: what is put before the names of its variables and before their
-    axes, and behind what they are.
-
-    Args:
-        stem, dims, text: these.
-        by: "averagings": a mapping, its values stacked along ``averaging``; "names": a mapping, the stem of each behind
-            its key; "groups": one or several records, each in a group of its own; "": one record.
+    axes, and behind what they are. ``by`` "averagings" it is a mapping, its values stacked along ``averaging``; by
+    "names" one with the stem of each behind its key; by "groups" one or several records, each in a group of its own.
     """
 
     stem: str = ""
@@ -146,8 +131,7 @@ def _parts_of(kind: Any) -> dict[str, Part]:
     return {each.name: each.metadata["part"] for each in dataclasses.fields(kind) if "part" in each.metadata}
 
 
-# What the fields of a record are in its file, in order, those of its parts aside; and how the records within it stand
-# there, by field.
+# What the fields of a record are in its file, in order, those of its parts aside; and the records within it, by field.
 variables_of: Callable[[Any], tuple[Variable, ...]] = functools.cache(_variables_of)
 parts_of: Callable[[Any], dict[str, Part]] = functools.cache(_parts_of)
 

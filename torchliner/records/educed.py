@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from torchliner.checks import index_of_frequency
 from torchliner.conversions import absorption_from_reflection, admittance_from_reflection, impedance_from_reflection
 from torchliner.records.checked import require_shapes
 from torchliner.records.declared import Variable, flat, part, record, var
@@ -66,16 +65,6 @@ class Educed:
     def impedance(self) -> Tensor:
         """Z, (..., F)."""
         return impedance_from_reflection(self.reflection)
-
-    @property
-    def resistance(self) -> Tensor:
-        """Re Z, (..., F)."""
-        return self.impedance.real
-
-    @property
-    def reactance(self) -> Tensor:
-        """Im Z, (..., F)."""
-        return self.impedance.imag
 
     @property
     def admittance(self) -> Tensor:
@@ -181,7 +170,3 @@ class PointImpedances(Averaged):
 
     def __post_init__(self) -> None:
         require_shapes(flat(self, derived=False), self.name)
-
-    def at(self, frequency: float) -> int | None:
-        """Index of a frequency (Hz), None if it is not among these."""
-        return index_of_frequency(self.frequency, frequency)

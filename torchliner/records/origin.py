@@ -8,7 +8,7 @@ import hashlib
 import os
 import platform
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from decimal import Decimal
 from itertools import groupby
@@ -96,9 +96,3 @@ def origin_of(named: Iterable[tuple[str, str | Path]], **more: Any) -> dict[str,
 def with_choices(result: Result, **more: Any) -> Result:
     """The same with further facts of where it comes from."""
     return replace(result, choices={**result.choices, **more})
-
-
-def described(stored: Mapping[str, Any]) -> str:
-    """An input in words."""
-    blocks = f" of sizes and {BLOCKS} blocks" if stored["bytes"] > BLOCKS * BLOCK else ""
-    return f"{stored['name']}, {stored['bytes']:,} bytes; SHA-256{blocks}: {stored['hash']}"

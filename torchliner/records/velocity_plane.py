@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, field, replace
+from dataclasses import KW_ONLY, replace
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
@@ -34,7 +34,6 @@ class VelocityPlane(Drawn, Written, AtProbes):
     Args:
         velocity: m/s, positive AWAY from the liner; real floating tensor or array of shape (..., T)
             with probe axes (z, x), (x) or (probe); or a ``StoredVelocity``.
-        streamwise: streamwise velocity, m/s, on the same probes and times.
     Raises:
         TypeError, ValueError: velocity is not real floating point; a shape or a value that no plane has.
     """
@@ -45,22 +44,14 @@ class VelocityPlane(Drawn, Written, AtProbes):
     area: Any = var(
         "probes", unit="m2", kind="places", range="[0, inf)", text="area of each probe, in their order", default=None
     )
-    streamwise: Any = field(default=None)
     name: str = "velocity"
 
     FILE: ClassVar = "torchliner.io.plane_writer:write_plane"
     PLOT: ClassVar = "torchliner.report.curves:draw_velocity"
 
     def __post_init__(self) -> None:
-        for label in ("velocity", "streamwise"):
-            value = getattr(self, label)
-            if value is not None and (isinstance(value, Tensor) or not isinstance(value, StoredVelocity)):
-                object.__setattr__(self, label, signal_tensor(value, f"{self.name}: {label}"))
-        if self.streamwise is not None and self.streamwise.shape != self.velocity.shape:
-            raise ValueError(
-                f"{self.name}: streamwise has shape {tuple(self.streamwise.shape)}, velocity "
-                f"{tuple(self.velocity.shape)}; they share probes and times"
-            )
+        if isinstance(self.velocity, Tensor) or not isinstance(self.velocity, StoredVelocity):
+            object.__setattr__(self, "velocity", signal_tensor(self.velocity, f"{self.name}: velocity"))
         super().__post_init__()
         if self.area is not None and len(self.area) != self.probes:
             raise ValueError(f"{self.name}: area has {len(self.area)} values; {self.probes} are needed")
@@ -71,14 +62,10 @@ class VelocityPlane(Drawn, Written, AtProbes):
 
     @classmethod
     def from_xarray(cls, data: Any, **stated: Any) -> VelocityPlane:
-        """A plane from a DataArray or Dataset of xarray; what is lazy there stays so.
+        """A plane from a DataArray or Dataset of xarray as CF has it (docs/formats.md); what is lazy there stays so.
 
-        Args:
-            data: with dimensions, coordinates and units as CF has them (docs/formats.md).
-            stated: what it does not say, as for ``read_plane`` (variable, velocity_units,
-                length_units, sampling_rate, axes, normal), and fields of this record.
-        Raises:
-            TypeError, ValueError: as ``read_plane``; neither a DataArray nor a Dataset.
+        ``stated``: what it does not say, as for ``read_plane``, and fields of this record. Errors are those of
+        ``read_plane``.
         """
         plane: VelocityPlane = resolve("torchliner.io.foreign:from_xarray")(data, **stated)
         return plane
@@ -88,17 +75,9 @@ class VelocityPlane(Drawn, Written, AtProbes):
         """Of the velocity; the CPU where that is in a file."""
         return self.velocity.device if isinstance(self.velocity, Tensor) else torch.device("cpu")
 
-    @property
-    def stored(self) -> StoredVelocity | None:
-        """The velocity if it is still in its file."""
-        return None if isinstance(self.velocity, Tensor) else self.velocity
-
     def asked(self, frequency: Any = None) -> Tensor:
-        """Frequencies asked for, else the tone that is stated, Hz, (F,).
-
-        Raises:
-            ValueError: neither is known, or one is at or above half the sampling rate.
-        """
+        """Frequencies asked for, else the tone that is stated, Hz, (F,); a ValueError where neither is known, or one is
+        at or above half the sampling rate."""
         return frequency_tensor(frequency, self.sampling_rate, record=self).cpu()
 
     def read(self, begin: int, end: int) -> Tensor:
@@ -110,9 +89,7 @@ class VelocityPlane(Drawn, Written, AtProbes):
 
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""
-        both = {name: getattr(self, name) for name in ("velocity", "streamwise")}
-        stored = {name: each.load() for name, each in both.items() if not isinstance(each, Tensor | None)}
-        return replace(self, **stored) if stored else self
+        return self if isinstance(self.velocity, Tensor) else replace(self, velocity=self.velocity.load())
 
 
 def restated(plane: VelocityPlane, facts: Mapping[str, Any]) -> VelocityPlane:

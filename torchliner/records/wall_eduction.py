@@ -117,11 +117,6 @@ class DrawnImpedance(Written, Reported):
         return torch.where(torch.isfinite(found), found, complex(torch.nan, torch.nan))
 
     @property
-    def mean(self) -> Tensor:
-        """Mean impedance of the draws that have one, (..., F)."""
-        return torch.complex(self.drawn.real.nanmean(0), self.drawn.imag.nanmean(0))
-
-    @property
     def failed(self) -> Tensor:
         """How many draws have no impedance, (..., F)."""
         return torch.isnan(self.drawn.real).sum(0)

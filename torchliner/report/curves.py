@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from torchliner.checks import index_of_frequency
 from torchliner.conversions import impedance_from_admittance
 from torchliner.engine.kernels import BAND
 from torchliner.liners.model import Liner, as_liner
@@ -31,7 +32,6 @@ ASIDE = 0.3  # mm, between markers at one cell
 VELOCITIES = {
     "v0 (m/s)": "$v_0$ (m s$^{-1}$)",
     "v' rms (m/s)": f"{look.V_RMS} (m s$^{{-1}}$)",
-    "u' rms (m/s)": f"{look.U_RMS} (m s$^{{-1}}$)",
 }
 
 
@@ -73,17 +73,11 @@ def impedance_over_frequency(result: ImpedanceMap) -> list[Row]:
 
 
 def velocity_along_x(plane: VelocityPlane) -> list[Row]:
-    """v0, v'_rms and, if stored, u'_rms (m/s) along x; rms values averaged over z as squares."""
-    values = Row()
-    for name, part in (("v", plane.velocity), ("u", plane.streamwise)):
-        if part is not None:
-            moments = time_moments(VelocityPlane(part, sampling_rate=plane.sampling_rate, name=plane.name))
-            mean, square = (each.reshape(plane.probe_shape) for each in moments)
-            x, mean_x = over_z(plane.x, mean)
-            _, variance = over_z(plane.x, square - mean**2)
-            values |= {"x (m)": x} | ({"v0 (m/s)": mean_x.double()} if name == "v" else {})
-            values[f"{name}' rms (m/s)"] = variance.double().clamp(min=0).sqrt()
-    return rows_of(**values)
+    """v0 and v'_rms (m/s) along x; rms values averaged over z as squares."""
+    mean, square = (each.reshape(plane.probe_shape) for each in time_moments(plane))
+    x, mean_x = over_z(plane.x, mean)
+    rms = over_z(plane.x, square - mean**2)[1].double().clamp(min=0).sqrt()
+    return rows_of(**{"x (m)": x, "v0 (m/s)": mean_x.double(), "v' rms (m/s)": rms})
 
 
 def over_z(x: Tensor | None, values: Tensor) -> tuple[Tensor, Tensor]:
@@ -108,7 +102,8 @@ def references_of(result: ImpedanceMap, index: int) -> dict[str, complex]:
 
 def alongside_at(result: ImpedanceMap, index: int) -> list[tuple[PointImpedances, int]]:
     """Results of other methods at a frequency of the map, each with its index there."""
-    known = [(other, other.at(float(result.frequency[index]))) for other in result.alongside]
+    tone = float(result.frequency[index])
+    known = [(other, index_of_frequency(other.frequency, tone)) for other in result.alongside]
     return [(other, at) for other, at in known if at is not None]
 
 
@@ -226,15 +221,13 @@ def draw_liner(liner: Liner, speeds: Sequence[float], title: str, path: str | Pa
 def draw_velocity(
     planes: VelocityPlane | Sequence[VelocityPlane], path: str | Path | None = None, axes: Any = None
 ) -> Any:
-    """v0, v' and u' along x (figures 9 and 16); u' only where it is stored."""
+    """v0 and v' along x (figures 9 and 16)."""
     several = [planes] if isinstance(planes, VelocityPlane) else planes
     profiles, before = [velocity_along_x(each) for each in several], look.runs_in(axes)
-    kept = [name for name in VELOCITIES if any(name in rows[0] for rows in profiles)]
-    figure, panels = look.panels_of(len(kept), 2.7, axes, len(several))
-    for axis, quantity in zip(panels, kept, strict=False):
+    figure, panels = look.panels_of(len(VELOCITIES), 2.7, axes, len(several))
+    for axis, quantity in zip(panels, VELOCITIES, strict=False):
         for i, (rows, name) in enumerate(zip(profiles, labels_of(several), strict=True), before):
-            if quantity in rows[0]:
-                look.draw_values(axis, **look.curve_of(rows, "x (m)", quantity, **look.colour_of(i, name)))
+            look.draw_values(axis, **look.curve_of(rows, "x (m)", quantity, **look.colour_of(i, name)))
         axis.set(xlabel=look.X_MM, ylabel=VELOCITIES[quantity], ylim=(None if quantity == "v0 (m/s)" else 0, None))
     return look.finish(figure, path, case_title(several[0]), 6, axes)
 

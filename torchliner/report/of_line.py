@@ -104,7 +104,7 @@ def of_stations(*stations: Station) -> Answer:
 def of_points(found: PointImpedances) -> Answer:
     """Of impedances at points and cells, as an in situ measurement gives them."""
     words = impedance_words(complex(found.answer[0]), found.bounds_of_liner(), found.level)
-    at, several_points = found.frequency.tolist(), int(torch.isfinite(found.points.resistance[:, 0]).sum()) > 1
+    at, several_points = found.frequency.tolist(), int(torch.isfinite(found.points.impedance[:, 0]).sum()) > 1
     return Answer(
         title=f"Impedances: {found.name}",
         lines=[f"{words} in units of ρc at {one_of(at)}, whole surface ({found.name}, admittance over points)."],

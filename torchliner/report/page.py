@@ -16,7 +16,7 @@ from torchliner.io.own_file import read_line, read_map, read_points, read_wall
 from torchliner.io.whole_file import HDF5, printable, writable, written_whole
 from torchliner.names import __version__
 from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, PointImpedances, WallEduction
-from torchliner.records.origin import described, input_file
+from torchliner.records.origin import input_file
 from torchliner.report.answer import Answer, Grid, answer_of, ordered
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.table import DIGITS, flat_words, table_of
@@ -74,7 +74,10 @@ def write_page(answer: Answer, path: str | Path) -> None:
         answer=answer,
         warnings=ordered(answer.notes),
         choices=[Grid("choices", "Every choice behind the result.", table_of(rows, "choice,value"))] if rows else [],
-        origin=[*((each["what"], described(each)) for each in inputs), *_made_by(answer)],
+        origin=[
+            *((each["what"], _described(each)) for each in inputs),
+            *_made_by(answer),
+        ],
         cite=CITE,
         most=MOST_ROWS,
         css=css,
@@ -127,9 +130,13 @@ def inputs_of(*results: Any) -> list[Mapping[str, Any]]:
     return [each for i, each in enumerate(every) if each not in every[:i]]
 
 
+def _described(stored: Mapping[str, Any]) -> str:
+    return f"{stored['name']}, {stored['bytes']:,} bytes; SHA-256: {stored['hash']}"
+
+
 def _made_by(answer: Answer) -> Iterator[tuple[str, str]]:
     """The file itself, versions, commands as they were typed."""
-    yield "result", "in memory" if answer.source is None else described(input_file("result", answer.source))
+    yield "result", "in memory" if answer.source is None else _described(input_file("result", answer.source))
     for one in answer.results[:1]:
         made = one.choices.get("versions", {"torchliner": one.choices.get("version", "not stated")})
         yield "made by", ", ".join(f"{name} {version}" for name, version in made.items())

@@ -47,7 +47,7 @@ def reduce_on(client: Any = None, kept: Path | None = None) -> Reduce:
     def run(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
         assert isinstance(record, PlaneRecord)
         plane, progress, taken = record.plane, record.progress, list(range(blocks.count) if only is None else only)
-        if plane.stored is None:
+        if isinstance(plane.velocity, torch.Tensor):
             raise ValueError(
                 f"{plane.name} is in memory, and workers read for themselves; write it to a file, and read that with "
                 "lazy=True"
