@@ -12,6 +12,7 @@ from conftest import turbulence
 import torchliner as tl
 from torchliner.engine.tones import reject_flow_noise
 from torchliner.io.microphone_file import read_microphones
+from torchliner.pressure.waves import equal_spacing
 from torchliner.records import MicrophoneLine
 
 RATE = 20e3
@@ -37,13 +38,13 @@ def test_levels_by_hand():
 
 
 def test_spacing_is_asked_for():
-    assert line_of().require_equal_spacing("KT") == pytest.approx(0.012)
+    assert equal_spacing(line_of()) == pytest.approx(0.012)
     places = list(PLACES)
     places[4] += 0.0005
-    with pytest.raises(ValueError, match=r"KT needs .*microphone 4 at x = 48\.5 mm is \+0\.45 mm .* 12 mm"):
-        line_of(places).require_equal_spacing("KT")
+    with pytest.raises(ValueError, match=r"Tufts' method needs .*microphone 4 at x = 48\.5 mm is \+0\.45 mm .* 12 mm"):
+        equal_spacing(line_of(places))
     places[4] = PLACES[4] + 0.00005
-    assert line_of(places).require_equal_spacing("KT") == pytest.approx(0.012)
+    assert equal_spacing(line_of(places)) == pytest.approx(0.012)
 
 
 def test_selection():

@@ -5,7 +5,7 @@ import functools
 import typing
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -27,6 +27,7 @@ from torchliner.records.wall_eduction import DrawnImpedance
 from torchliner.units import SI_QUANTITY, require_plausible
 
 KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")  # types that torch has
+Kind = TypeVar("Kind")
 SCHEMAS = {kind.SCHEMA: kind for kind in vars(records).values() if hasattr(kind, "SCHEMA")}
 
 
@@ -38,25 +39,23 @@ def read_map(path: str | Path) -> ImpedanceMap:
         ValueError: of another schema; a variable is missing, or has another shape, unit or size than it can have. The
             message names FILE:/variable.
     """
-    found: ImpedanceMap = _read(path, ImpedanceMap)
-    return found
+    return _read(path, ImpedanceMap)
 
 
 def read_line(path: str | Path) -> ImpedanceLine:
     """Read a line of stations written by ``ImpedanceLine.write`` as netCDF-4; errors as of ``read_map``."""
-    found: ImpedanceLine = _read(path, ImpedanceLine)
-    return found
+    return _read(path, ImpedanceLine)
 
 
 def read_points(path: str | Path) -> PointImpedances:
     """Read impedances at points written by their ``write`` as netCDF-4; errors as of ``read_map``."""
-    found: PointImpedances = _read(path, PointImpedances)
-    return found
+    return _read(path, PointImpedances)
 
 
-def _read(path: str | Path, kind: Any) -> Any:
+def _read(path: str | Path, kind: type[Kind]) -> Kind:
     with open_file(path) as file:
-        return taken(file, path, kind)
+        found: Kind = taken(file, path, kind)
+    return found
 
 
 def read_wall(path: str | Path) -> tuple[Any, ...]:

@@ -16,15 +16,8 @@ OF_TWO = {"part": (2,), "with_part": (2,)}  # dimensions of real and imaginary p
 
 def check(record: Any, *, tensors: bool = False) -> None:
     """Make signals, places and numbers of a record tensors and plain, and refuse values beyond their ranges and shapes
-    that disagree.
-
-    Args:
-        record: with a ``name``, for messages.
-        tensors: leave scalar tensors, through which derivatives may pass.
-    Raises:
-        TypeError: another kind of value.
-        ValueError: field, value, place and range are named; a text that is none of the ``choices`` of its field.
-    """
+    that disagree, by a TypeError or ValueError that names field, value, place and range; ``tensors``: scalar ones stay,
+    as derivatives may pass through them."""
     make_plain(record, tensors=tensors)
     for each in dataclasses.fields(record):
         if "choices" in each.metadata:
@@ -59,13 +52,8 @@ def _require_range(row: Variable, values: Tensor, label: str) -> None:
 def require_shapes(
     rows: Iterable[tuple[Variable, Any]], name: str, sizes: Mapping[str, tuple[int, ...]] = OF_TWO
 ) -> None:
-    """Refuse values whose axes are not those that they say, or are longer than in the values before.
-
-    Args:
-        rows: variables with their values, as of ``flat``.
-        name: for messages.
-        sizes: lengths of dimensions that are known, () for those of no axis.
-    """
+    """Refuse values, as of ``flat``, whose axes are not those that they say, or are longer than in the values before;
+    ``sizes``: lengths of dimensions that are known, () for those of no axis."""
     known = dict(sizes)
     for row, value in rows:
         if not row.dims:

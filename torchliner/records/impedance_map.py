@@ -15,7 +15,7 @@ from torchliner.names import AVERAGINGS, resolve
 from torchliner.records.case import Found, probe_axes
 from torchliner.records.declared import Variable, part, record, var
 from torchliner.records.educed import Averaged, Educed, PointImpedances
-from torchliner.records.level_check import LevelCheck, LevelMatched
+from torchliner.records.level_check import LevelMatched
 from torchliner.records.outlets import Drawn
 
 FULL = ("probes", "frequency")
@@ -60,7 +60,6 @@ class ImpedanceMap(Drawn, Averaged, Found):
     height: float | None = var(unit="m", text="distance of the plane from the liner", default=None)
     alongside: tuple[PointImpedances, ...] = part("alongside", by="groups", default=())
     _: KW_ONLY
-    level_check: LevelCheck | None = part(default=None)
     level_matched: LevelMatched | None = part("level_matched_", default=None)
 
     DERIVED: ClassVar = (
@@ -93,10 +92,6 @@ class ImpedanceMap(Drawn, Averaged, Found):
         if stated is None:
             return 0 if len(self.frequency) == 1 else None
         return index_of_frequency(self.frequency, stated)
-
-    def reference_at(self, index: int) -> dict[str, complex]:
-        """Independent impedances at one frequency, by name: none but at the tone."""
-        return dict(self.reference) if index == self.tone else {}
 
     @property
     def impedance(self) -> Tensor:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, replace
 from typing import Any, ClassVar
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,7 +16,6 @@ from torchliner.records.checked import check
 from torchliner.records.declared import ANY, record, var
 from torchliner.records.outlets import Reported, Written
 
-EQUAL_SPACING = 5e-3  # of the mean spacing
 QUIETEST, LOUD = 1.0, 20.0  # dB, that microphones measure; of the loudest in a duct, unlike numbers in pascals
 DRAWN = ("draws", "microphone", "frequency")
 ONE_ATMOSPHERE = "(0, 1.5e5]"  # Pa, of an amplitude: 194 dB; what is no pressure in Pa overflows in sums of squares
@@ -135,20 +133,6 @@ class MicrophoneLine(Written, Reported, Case):
     def phase(self) -> Tensor:
         """Degrees, -180 to 180, (..., N, F)."""
         return torch.rad2deg(self.pressure.angle())
-
-    def require_equal_spacing(self, method: str) -> float:
-        """The mean spacing, m, for a method that needs equal ones; a ValueError where a microphone is off the even grid
-        by more than 0.5 % of it."""
-        number, x = np.arange(self.microphones), self.x.numpy()
-        spacing = float(x[-1] - x[0]) / (self.microphones - 1)
-        off = x - np.polyval(np.polyfit(number, x, 1), number)
-        worst = int(np.abs(off).argmax())
-        if abs(off[worst]) > EQUAL_SPACING * spacing:
-            raise ValueError(
-                f"{self.name}: {method} needs equal spacing, but microphone {worst} at x = {1e3 * x[worst]:.6g} mm is "
-                f"{1e3 * off[worst]:+.3g} mm off an even grid of {1e3 * spacing:.5g} mm; use the two-wave fit"
-            )
-        return spacing
 
     def select(self, microphones: Sequence[int] | Tensor) -> MicrophoneLine:
         """The line with some of its microphones, by index from 0."""

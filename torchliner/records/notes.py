@@ -13,17 +13,11 @@ LIKE_PASCALS = 20.0  # dB, below any duct's sound
 
 @dataclass(frozen=True)
 class Note:
-    """One warning about a result.
+    """One warning about a result."""
 
-    Args:
-        code: short and stable, such as "short-record"; what to search and filter by.
-        text: what is wrong, with its numbers, the limit and the remedy.
-        size: how far Z may be off by it, normalised; None where no number can be derived.
-    """
-
-    code: str
-    text: str
-    size: float | None = None
+    code: str  # short and stable, such as "short-record"; what to search and filter by
+    text: str  # what is wrong, with its numbers, the limit and the remedy
+    size: float | None = None  # how far Z may be off by it, normalised; None where no number can be derived
 
     def __str__(self) -> str:
         return self.text

@@ -98,12 +98,9 @@ class Result(Written, Reported):
         return resolve("torchliner.io.own_writer:to_xarray")(self)
 
     def to_dataframe(self, of: str | None = None) -> Any:
-        """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV.
-
-        Args:
-            of: ``probes`` (default) or ``cells`` of a map; ``stations`` of a line; ``points``, ``cells`` or
-                ``liners`` of ``PointImpedances`` (default: all); a ValueError for others.
-        """
+        """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV. ``of``: ``probes`` (default) or
+        ``cells`` of a map; ``stations`` of a line; ``points``, ``cells`` or ``liners`` of ``PointImpedances`` (default:
+        all); a ValueError for others."""
         return resolve("torchliner.io.csv_rows:to_dataframe")(self, of)
 
 
@@ -119,9 +116,8 @@ class Drawn:
         Args:
             path: picture to write.
             frequency: Hz, of a result: resistance and reactance there; default of several: over frequency.
-            ax: axes to draw into, one for each panel, or one for the first panel alone; default a new figure.
-        Returns:
-            The matplotlib figure (extra ``report``), which a notebook shows; the axes, where they were given.
+            ax: axes to draw into, one for each panel, or one for the first panel alone, and returned; default a new
+                matplotlib figure (extra ``report``).
         """
         if ax is not None and path is not None:
             raise ValueError(f"{path}: give a path or axes; a figure of axes is yours to save")

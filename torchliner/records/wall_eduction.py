@@ -132,13 +132,9 @@ class DrawnImpedance(Written, Reported):
         return torch.view_as_complex(self.covariance.diagonal(dim1=-2, dim2=-1).clamp(min=0).sqrt().contiguous())
 
     def interval(self) -> tuple[Tensor, Tensor]:
-        """Bounds of the statistical interval of ``LEVEL``: real parts bound R, imaginary parts X.
-
-        The middle of the draws; without draws Student's interval, or the normal one of stated errors, to first order.
-
-        Raises:
-            ValueError: neither draws nor a covariance.
-        """
+        """Bounds of the statistical interval of ``LEVEL``: real parts bound R, imaginary parts X. The middle of the
+        draws; without draws, to first order, Student's, or the normal one of stated errors. A ValueError without a
+        covariance."""
         share = (1 + LEVEL) / 2
         if self.draws is None:
             if self.deviation is None:

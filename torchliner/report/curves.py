@@ -93,7 +93,7 @@ def over_z(x: Tensor | None, values: Tensor) -> tuple[Tensor, Tensor]:
 
 def references_of(result: ImpedanceMap, index: int) -> dict[str, complex]:
     """Independent impedances of the case, the file's "true" first; Goodrich's where the flow is known."""
-    known = result.reference_at(index)
+    known = dict(result.reference) if index == result.tone else {}  # none but at the tone
     found = {"reference": known.pop("true")} | known if "true" in known else known
     if result.goodrich is not None:
         found["Goodrich (2.7), linear liner"] = complex(result.goodrich[index])

@@ -75,7 +75,7 @@ def study_heights(
         frequency=wanted[0],
         averaging=first.choices["averaging"],
         rows=tuple(rows),
-        reference=first.reference_at(0),
+        reference=dict(first.reference) if first.tone == 0 else {},
         judged=judged,
         heights=heights,
         height=heights[first.choices["averaging"]],
