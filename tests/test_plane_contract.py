@@ -530,7 +530,6 @@ def test_stamps_of_few_digits(tmp_path):
         [f"plane_{i * 1e-4:.6g}" for i in range(1, 25)],
         [f"plane_{i / 10:.1f}" for i in range(5, 15)],
         [f"plane_{i * 1e-5:.5e}" for i in range(5, 15)],
-        [f"y1.{i}" for i in range(8, 12)],
     ],
 )
 def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
@@ -540,15 +539,6 @@ def test_frames_are_in_the_order_of_their_numbers(tmp_path, numbers):
     for path in (tmp_path, tmp_path / f"{numbers[0]}.vti", f"{tmp_path}/*.vti"):
         assert tl.read_plane(path, **stated).velocity[0, 0].tolist() == [*range(len(numbers))]
     refused(tmp_path, "states no time.*sampling_rate", **UP, **SI)
-
-
-def test_two_planes_that_are_numbered_are_two_series_not_decimals_of_one(tmp_path):
-    for i, name in enumerate(f"y{n}.{i:03d}" for n in (1, 2) for i in range(5)):
-        make.image(np.full((12, 3), float(i))).save(tmp_path / f"{name}.vti")
-    stated = UP | SI | {"sampling_rate": 1 / STEP}
-    for path, more, first in ((tmp_path / "y2.003.vti", {}, 5), (tmp_path, {"group": "y1."}, 0)):
-        found = tl.read_plane(path, **stated, **more).velocity[0, 0]
-        assert found.tolist() == [*range(first, first + 5)]
 
 
 WITHOUT = [i for i in range(20) if i not in (7, 8)]

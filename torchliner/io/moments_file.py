@@ -56,11 +56,8 @@ SUMS = {
 
 
 def write_moments(known: Moments, path: str | Path) -> None:
-    """Write a record of moments; the old file, if any, is replaced when the new one is whole.
-
-    Raises:
-        ValueError: the moments answer certain frequencies of one liner alone.
-    """
+    """Write a record of moments; the old file, if any, is replaced when the new one is whole. A ValueError for moments
+    that answer certain frequencies of one liner alone."""
     if known.onto is not None:
         raise ValueError(f"{path}: moments of one liner at certain frequencies have no file; use tl.moments")
     plane, seen = known.plane, known.survey

@@ -126,11 +126,7 @@ def plain_multipole(model: Multipole) -> dict[str, Any]:
 
 
 def write_multipole(model: Multipole, path: str | Path) -> None:
-    """Write one file: ``.json``, or ``.txt`` with the lists as dictionaries of OpenFOAM, the rest in comments.
-
-    Raises:
-        ValueError, OSError: as ``written_whole``.
-    """
+    """Write one file: ``.json``, or ``.txt`` with the lists as dictionaries of OpenFOAM, the rest in comments."""
     plain = plain_multipole(model)
     lines = [f"// {key}: {printable(str(value))}" for key, value in plain.items() if not isinstance(value, dict)]
     for name in ("reflection", "admittance"):

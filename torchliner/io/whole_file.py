@@ -54,12 +54,8 @@ def require_ending(path: str | Path, endings: Sequence[str], option: str = "") -
 
 
 def writable(path: str | Path, *endings: str) -> Path:
-    """The file that an output of one of some endings (default: any) would replace or make, with links followed.
-
-    Raises:
-        ValueError: another ending; an input of the command.
-        OSError: no folder, a folder, a device, a link that leads to itself, write-protected.
-    """
+    """The file that an output of one of some endings (default: any) would replace or make, with links followed. A
+    ValueError for another ending and an input of the command, an OSError for what is no file that can be written."""
     if endings:
         require_ending(path, endings)
     path, target = Path(path), Path(os.path.realpath(path))
