@@ -3,7 +3,7 @@
 import matplotlib
 import numpy as np
 import pytest
-from conftest import FREQUENCY, plane_of, turbulence
+from conftest import DATA, FREQUENCY, plane_of, turbulence
 from test_own_files import noisy
 from test_results_out import line, points
 from test_results_out import made as at
@@ -30,6 +30,14 @@ def made(seed=0, **about):
 def found(liner):
     about = {"reference": {"true": 1 - 0.2j, "in situ": 1.1 - 0.2j}}
     return [tl.educe(made(i, height=height, **about), liner) for i, height in enumerate((0.5e-3, 2.5e-3))]
+
+
+def test_the_next_step_is_that_of_the_run_that_fails():
+    planes = [tl.read_plane(DATA / f"{name}.h5") for name in ("slit_n130_y2.5mm", "orifice_o130_y1.0mm")]
+    passes, fails = (tl.educe(plane, tl.load_liner(plane.liner)) for plane in planes)
+    assert "audit" in answer_of(passes).step
+    for several in ([passes, fails], [fails, passes]):
+        assert answer_of(several).step.startswith("no averaging passes")
 
 
 # --- one answer per result

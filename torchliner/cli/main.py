@@ -99,14 +99,18 @@ def error_text(error: Exception, inputs: Sequence[str]) -> str:
 
 @contextmanager
 def warnings_on_stderr(parser: Parser, options: Namespace) -> Iterator[None]:
-    """Each warning once, what moves Z most first: three, all with --verbose, none with --quiet."""
+    """Each warning once, what moves Z most first: three, all with --verbose, none with --quiet; the answer has the
+    level check."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore" if options.quiet else "always")
         try:
             yield
         finally:
-            sizes = {str(note): getattr(note, "size", None) for note in getattr(options, "notes", ())}  # of the result
+            notes = {str(note): note for note in getattr(options, "notes", ())}  # of the result
+            sizes = {text: getattr(note, "size", None) for text, note in notes.items()}
             texts = dict.fromkeys(str(each.message) for each in caught if not issubclass(each.category, PLANNED))
+            if not options.verbose:
+                texts = {t: None for t in texts if getattr(notes.get(t), "code", "") != "level-check"}
             every = sorted(texts, key=lambda text: -(sizes.get(text) or 0.0))
             shown = every if options.verbose else every[:WARNINGS_SHOWN]
             for text in shown:

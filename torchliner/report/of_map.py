@@ -41,8 +41,9 @@ def of_maps(*results: ImpedanceMap, planes: Sequence[VelocityPlane] = ()) -> Ans
     lines = [f"Level check: {one.level_check_words}." for one in results]
     if not several:
         lines = [_line(first, main), level_line(first, main)]
-    verdicts = [state_of(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
-    state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in verdicts), "")
+    places = [(one, i) for one in results for i in ([main] if not several else range(len(one.frequency)))]
+    worst = {state_of(*place): place for place in reversed(places)}
+    state = next((word for word in (FAILS, INCONCLUSIVE, PASSES) if word in worst), "")
     name = case_title(first) if several else first.title
     groups = dict[tuple[float, ...], list[int]]()
     for i, one in enumerate(results):
@@ -63,7 +64,7 @@ def of_maps(*results: ImpedanceMap, planes: Sequence[VelocityPlane] = ()) -> Ans
         notes=[
             note for one in results for notes in (one.notes, *(each.notes for each in one.alongside)) for note in notes
         ],
-        step=_step(first, state, main),
+        step=_step(*worst.get(state, (first, main)), state),
         state=state,
         pictures=pictures,
         results=[each for one in results for each in (one, *one.alongside)],
@@ -139,7 +140,7 @@ def _known_lines(result: ImpedanceMap) -> list[str]:
     return [] if ratio is None else [f"Velocity ratio |V1|/(φ M c) = {ratio:.2g}."]
 
 
-def _step(result: ImpedanceMap, state: str, index: int) -> str:
+def _step(result: ImpedanceMap, index: int, state: str) -> str:
     """What to do next."""
     check = result.level_check
     if result.choices.get("surface") == "hard wall":
