@@ -132,7 +132,7 @@ def test_the_examples_of_docstrings_run():
             for example in finder.find(value, name, globs={"tl": tl, "torch": torch}):
                 tried += bool(example.examples)
                 assert runner.run(example).failed == 0
-    assert tried >= 10
+    assert tried >= 7
 
 
 # docs/liners.md

@@ -34,9 +34,7 @@ def stored(tmp_path, text, name="a.csv"):
         ("liner", f"{LINER}\n1000, 0,30, -1,25\n", "line 2 has 5 cells, the header 3"),
         ("liner", f"{LINER}, resistance\n1000, 1, 2, 3\n", "'resistance' is named twice"),
         ("liner", f"{LINER}\n#N/A, 1, 2\n2000, 1, 2\n", "line 2, column 'frequency' is '#N/A'"),
-        ("liner", f"{LINER}\n1e300, 1, 2\n", r"line 2, holds 1e\+300 Hz, which is no frequency"),
-        ("liner", f"{LINER}\n1, 2, 9e9\n2, 1, 2\n", r"holds 9e\+09 rho c, which is no impedance"),
-        ("liner", f"{LINER}\n1, 2, 3\n1, 2, 4\n", "repeat a frequency and speed"),
+        ("liner", f"{LINER}\n1, 2, 3\n1, 2, 4\n", "each frequency needs one row for each speed"),
         ("liner", f"{LINER}\n1, 2, 3\0\n", "holds zero bytes: it is no text file"),
         ("bursts", f"{BURSTS}\n1, 5\n#N/A, 2\n", "line 3, column 'arrival_time' is '#N/A'"),
         ("bursts", f"{BURSTS}\n1, 5\n#2, 5\n", "line 3, column 'arrival_time' is '#2'"),
@@ -66,22 +64,17 @@ def test_texts_larger_than_memory_are_refused(tmp_path, monkeypatch):
         read_microphones(stored(tmp_path, LINE))
 
 
-TOML = 'model = "table"\nfile = "{}"\n'
-
-
 @pytest.mark.parametrize(
-    ("text", "error", "message"),
+    ("text", "message"),
     [
-        (TOML.format("/dev/zero"), OSError, "/dev/zero is a device or a pipe"),
-        (TOML.format("none.csv"), FileNotFoundError, "none.csv: no such file"),
-        ("a = " + "[" * 9999, ValueError, "a.toml is not valid TOML"),
-        ("a = " + "1" * 9999, ValueError, "a.toml is not valid TOML"),
-        (b"\xff\xfe", ValueError, "a.toml is not UTF-8 text"),
+        ("a = " + "[" * 9999, "a.toml is not valid TOML"),
+        ("a = " + "1" * 9999, "a.toml is not valid TOML"),
+        (b"\xff\xfe", "a.toml is not UTF-8 text"),
     ],
-    ids=range(5),
+    ids=range(3),
 )
-def test_toml_that_is_none(tmp_path, text, error, message):
-    with pytest.raises(error, match=message):
+def test_toml_that_is_none(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
         tl.load_liner(stored(tmp_path, text, "a.toml"))
 
 
