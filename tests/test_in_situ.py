@@ -13,9 +13,9 @@ from conftest import DATA, turbulence
 
 import torchliner as tl
 from torchliner.cli.main import main
-from torchliner.engine.tones import segment_amplitudes, tone_amplitudes, transfer_function, window_weights
 from torchliner.liners.plates import cavity_propagation
 from torchliner.pressure.dean import mouth_velocity_ratio
+from torchliner.pressure.spectra import segment_amplitudes, tone_amplitudes, transfer_function, window_weights
 from torchliner.report.curves import known_of
 
 RATE, FREQUENCY, DEPTH = 40000.0, 1400.0, 0.038

@@ -10,8 +10,8 @@ import torch
 from conftest import turbulence
 
 import torchliner as tl
-from torchliner.engine.tones import reject_flow_noise
 from torchliner.io.microphone_file import read_microphones
+from torchliner.pressure.spectra import reject_flow_noise
 from torchliner.pressure.waves import equal_spacing
 from torchliner.records import MicrophoneLine
 

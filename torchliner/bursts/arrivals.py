@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive
-from torchliner.engine.tones import tone_amplitudes, window_weights
 from torchliner.names import GRID_METHODS
+from torchliner.pressure.spectra import tone_amplitudes, window_weights
 
 MOST_POINTS, FEWEST = 1000, 1000  # of a grid, for an arrival; arrivals, for so few as show nothing
 STEPS_A_PERIOD = 16  # of a tone, on a derived grid

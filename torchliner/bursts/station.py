@@ -21,9 +21,9 @@ from torchliner.checks import SAME_FREQUENCY, frequency_tensor, make_plain, requ
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error
-from torchliner.engine.tones import tone_amplitudes, window_weights
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, __version__
+from torchliner.pressure.spectra import tone_amplitudes, window_weights
 from torchliner.records import BurstRecord, ImpedanceLine, VelocityPlane
 from torchliner.velocity.averages import PHASE_RULES
 from torchliner.velocity.choices import TOLERANCES, Choices

@@ -14,7 +14,6 @@ import h5py
 import numpy as np
 import torch
 
-from torchliner.engine.tones import reject_flow_noise
 from torchliner.file_checks import naming, require_regular
 from torchliner.fluid import Fluid
 from torchliner.io.foreign import read_array
@@ -29,6 +28,7 @@ from torchliner.io.own_file import (
     take,
 )
 from torchliner.io.variables import field_of, time_axis
+from torchliner.pressure.spectra import reject_flow_noise
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.declared import table_of
 from torchliner.records.incident import Recorded

@@ -21,9 +21,9 @@ from torch import Tensor
 from torchliner.checks import require_choice, tell
 from torchliner.conversions import impedance_from_admittance, reflection_from_impedance
 from torchliner.engine.intervals import ITSELF, Conversion
-from torchliner.engine.tones import transfer_from_amplitudes
 from torchliner.liners.plates import cavity_propagation
 from torchliner.names import LOSSES
+from torchliner.pressure.spectra import transfer_from_amplitudes
 from torchliner.pressure.tones import Parts, Tones
 from torchliner.records import Educed, ImpedanceMap, Interval, PointImpedances, PressureRecord, VelocityPlane
 from torchliner.records.case import require_same_run

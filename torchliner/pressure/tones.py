@@ -17,7 +17,7 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, frequency_tensor
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH, Conversion, jackknife, replicates
-from torchliner.engine.tones import segment_amplitudes, window_weights
+from torchliner.pressure.spectra import segment_amplitudes, window_weights
 from torchliner.records import Interval, PressureRecord
 from torchliner.records.notes import Note
 

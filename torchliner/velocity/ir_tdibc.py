@@ -12,10 +12,10 @@ from torch import Tensor
 from torchliner.checks import frequency_tensor, real_tensor, require_choice, require_positive, tell
 from torchliner.conversions import REFERENCE_PRESSURE, impedance_from_reflection
 from torchliner.engine.kernels import AFTER, VelocityGrid, build_kernels, interpolate, kernel_band
-from torchliner.engine.tones import transfer_function
 from torchliner.fluid import Fluid
 from torchliner.liners.model import as_liner, impedance_of
 from torchliner.names import STEP_KERNELS
+from torchliner.pressure.spectra import transfer_function
 from torchliner.records.incident import Incident, Tones, as_incident
 from torchliner.velocity.ir_tdibc_wall import fixed_speed, step_in_time
 

@@ -34,9 +34,9 @@ from torchliner.conversions import (
 from torchliner.engine.drives import phase_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife
 from torchliner.engine.moments import Moments
-from torchliner.engine.tones import segment_amplitudes
 from torchliner.fluid import Fluid
 from torchliner.liners.model import LinerModel
+from torchliner.pressure.spectra import segment_amplitudes
 from torchliner.records import Gap, PressureRecord
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import sort_into_cells
