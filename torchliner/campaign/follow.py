@@ -17,7 +17,7 @@ from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, require_positive
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.moments import Moments, ReducedVelocity, without_velocity
+from torchliner.engine.moments import Moments, ReducedVelocity
 from torchliner.engine.sums import Held, reduce
 from torchliner.engine.survey import survey_of
 from torchliner.io.planes import read_plane
@@ -56,7 +56,8 @@ class GrowingMoments:
         lowest = float(plane.asked(frequency).min())
         self.period = plane.sampling_rate / (plane.frequency or lowest)  # samples
         self.each, self.borders = 1, [0]  # periods of a block; borders of all blocks
-        self._about = without_velocity(plane)
+        left = ReducedVelocity(tuple(plane.velocity.shape), plane.velocity.dtype, plane.name)
+        self._about = dataclasses.replace(plane, velocity=left)
         several = self._plane(math.ceil(5 * max(self.period, plane.sampling_rate / lowest)))  # periods
         self._reading = reading_of(several, [], frequency, chosen, cell_pitch=cell_pitch)
         self._jobs = self._reading.jobs()

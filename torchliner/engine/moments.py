@@ -1,6 +1,5 @@
 """The record of moments: all that a plane has to say, in the size of some hundred time samples."""
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +31,7 @@ class ReducedVelocity:
     shape: tuple[int, ...]
     dtype: torch.dtype
     name: str
+    in_file: bool = False  # whether that is the name of a file of moments
 
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
         """Refused."""
@@ -40,13 +40,6 @@ class ReducedVelocity:
     def load(self) -> Tensor:
         """Refused, as ``read``."""
         return self.read(0, self.shape[-1])
-
-
-def without_velocity(plane: VelocityPlane) -> VelocityPlane:
-    """All else that is stated of a plane, which was checked when it was made."""
-    left, shape = copy.copy(plane), tuple(plane.velocity.shape)
-    vars(left).update(velocity=ReducedVelocity(shape, plane.velocity.dtype, plane.name))
-    return left
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -63,7 +56,6 @@ class Layout:
     # Coefficients of R of one liner at F frequencies, real and then imaginary parts, float64, (2 F, K), on the device:
     # sums of these two parts are kept instead of those of all K functions, which takes less memory.
     onto: Tensor | None = None
-    notes: tuple[Note, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -76,6 +68,7 @@ class Moments(Layout, Summarised):
     # By averaging, of the nodes' functions of |v|, float64, (S, 1 + 2 Q, K, N), none with drive ``rms``; and "square
     # of cells", those of the squares of the cells' velocity, (S, 1, 1, C).
     sums: Mapping[str, Tensor]
+    notes: tuple[Note, ...] = ()
 
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""

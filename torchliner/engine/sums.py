@@ -56,16 +56,18 @@ class PlaneRecord:
     plane: VelocityPlane  # from a file the next slab is read while this one is worked on
     dtype: torch.dtype
     device: torch.device
-    excluded: Tensor | None = None  # probes that are read as 0, bool, (P,), on ``device``
+    used: Tensor | None = None  # probes that are read, bool, (P,), on the host; others are 0
     progress: Callable[[int], object] | None = None  # called with numbers of samples read
     # Slabs that live at once, counted beforehand, since torch has one thread while several work: one for each thread,
     # and one so that no thread waits for its next.
     alive: int = field(default_factory=lambda: torch.get_num_threads() + 1)
     samples: int = field(init=False)
     columns: int = field(init=False)
+    excluded: Tensor | None = field(init=False)  # on ``device``
 
     def __post_init__(self) -> None:
-        self.__dict__.update(samples=self.plane.samples, columns=self.plane.probes)
+        excluded = None if self.used is None or bool(self.used.all()) else ~self.used.to(self.device)
+        self.__dict__.update(samples=self.plane.samples, columns=self.plane.probes, excluded=excluded)
 
     def slabs(self, bounds: Sequence[tuple[int, int]]) -> Iterator[Tensor]:
         """Samples begin .. end - 1 of each of ``bounds``, (t, P)."""
@@ -182,16 +184,11 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item], device: torc
     if device.type != "cpu" or threads == 1:
         yield from map(work, items)
         return
-    with_gradients = torch.is_grad_enabled()  # which a new thread would not know
-
-    def in_a_thread(item: Item) -> Result:
-        with torch.set_grad_enabled(with_gradients):
-            return work(item)
-
-    with one_thread(), ThreadPoolExecutor(threads) as pool:
+    gradients = torch.is_grad_enabled()  # which a new thread would not know
+    with one_thread(), ThreadPoolExecutor(threads, initializer=torch.set_grad_enabled, initargs=(gradients,)) as pool:
         waiting: deque[Future[Result]] = deque()
         for item in items:
-            waiting.append(pool.submit(in_a_thread, item))
+            waiting.append(pool.submit(work, item))
             if len(waiting) > threads:
                 yield waiting.popleft().result()
         while waiting:

@@ -118,7 +118,8 @@ def read_moments(path: str | Path) -> Moments:
         found = {row.field: read_row(file, row, path) for row in there}
         area = read_row(file, AREA, path) if is_there(file, AREA.field, path) else None
         about: dict[str, Any] = {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
-        about |= {"velocity": ReducedVelocity(shape, precision, str(path)), "name": str(path)}
+        left = ReducedVelocity(shape, precision, str(path), in_file=True)
+        about |= {"velocity": left, "name": str(path)}
         plane = take(file, VelocityPlane, path, about | {"sampling_rate": blocks.sampling_rate, "area": area})
         lines, turns = found["lines"], found.get("turns", torch.zeros(0, dtype=torch.float64))
         count = {"point": plane.probes, "block": blocks.count, "line": len(lines), "turn_row": 1 + 2 * len(turns)}

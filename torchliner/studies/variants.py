@@ -16,7 +16,7 @@ from torch import Tensor
 
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Nodes, choose_nodes
-from torchliner.engine.sums import reduce
+from torchliner.engine.sums import PlaneRecord, reduce
 from torchliner.liners.model import LinerModel
 from torchliner.names import resolve
 from torchliner.records import VelocityPlane
@@ -165,7 +165,8 @@ def read_again(
         names = [each for each in possible if each in {CELLS, *(variant.averaging for variant in group)}]
         jobs += [possible[name] for name in names]
         ways.append((group, way, names))
-    sums, found = iter(reduce(way.record(progress), way.blocks, jobs)), dict[int, Moments]()
+    record = PlaneRecord(plane, way.dtype, way.device, way.used, progress)
+    sums, found = iter(reduce(record, way.blocks, jobs)), dict[int, Moments]()
     for group, own, names in ways:
         known = group[0].moments
         made = own.moments(known.survey, known.locked, {name: next(sums) for name in names})

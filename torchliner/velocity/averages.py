@@ -205,14 +205,13 @@ def fold(
     leave = leave if wall is None or of_cells else leave | wall
     numbers, sums = torch.zeros(cells.count + 1 + rows, dtype=torch.float64, device=device), torch.empty(0)
 
-    def educed(replicated: Tensor) -> Educed:
-        own = None if level is None else jackknife(replicated.detach(), lengths / lengths.sum(), level)
-        return Educed(replicated[0], own)
+    shares = lengths / lengths.sum()
 
     def work(part: slice) -> tuple[slice, Tensor, Educed | None]:
         each = reflection(part)
         admittance = admittance_from_reflection(each).masked_fill(leave[part], 0)
-        return part, admittance, None if of_cells else educed(each)
+        own = None if level is None or of_cells else jackknife(each.detach(), shares, level)
+        return part, admittance, None if of_cells else Educed(each[0], own)
 
     # The bits of a column do not depend on how the columns are shared out.
     size = max(1, ELEMENTS // ((1 + len(lengths)) * frequencies)) if device.type == "cpu" else columns
@@ -230,7 +229,8 @@ def fold(
         for each in (sums, numbers[:, None])
     )
     averages = reflection_from_admittance(sums / torch.where(number > 0, number, torch.nan))
-    joined, probes, nan = educed(averages), None, {True: complex(math.nan, math.nan), False: math.nan}
+    joined = Educed(averages[0], None if level is None else jackknife(averages.detach(), shares, level))
+    probes, nan = None, {True: complex(math.nan, math.nan), False: math.nan}
     if found:
         tensors = [[each.reflection, *(vars(each.interval).values() if each.interval else ())] for each in found]
         whole = (torch.cat(each) for each in zip(*tensors, strict=True))

@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import index_of_frequency, real_tensor, tell
-from torchliner.engine.moments import Moments
+from torchliner.engine.moments import Moments, ReducedVelocity
 from torchliner.engine.sums import reduce
-from torchliner.io.moments_file import holds_moments
 from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import Liner, LinerModel, as_liner, impedance_of
 from torchliner.liners.plates import goodrich_resistance
@@ -147,15 +146,14 @@ def answer(
     heard, of_sound = review.review_sound(known, liner, frequency, chosen)
     without_tone = any(note.code == review.NO_TONE for note in heard)
     answered = "admittance" if without_tone and chosen.averaging == "phase-locked" else chosen.averaging
-    chief, z = found[answered].liner, found[answered].liner.impedance.detach().cpu()
-    error, doubts = review.review_table(known, liner, frequency, z)
+    chief = found[answered].liner
+    error, doubts = review.review_answer(known, liner, found["admittance"], chief, frequency, chosen)
     check, words, failures = check_level(known, frequency, found, chosen, answered, pressure)
     notes = [
         *review.review_case(plane, liner, frequency),
         *known.notes,
-        *doubts,
         *heard,
-        *review.review_answer(known, found["admittance"], chief, frequency, chosen),
+        *doubts,
         *failures,
     ]
     facts = facts_of(known, liner, chosen, error, pressure, reference_phase)
@@ -276,7 +274,8 @@ def facts_of(
         sizes = known.membership.sizes
         facts |= {"phase_locked_lines": locked.lines.tolist(), "phase_locked_share": locked.share.mean(1).tolist()}
         facts["incoherent_scale"] = float((known.membership.mean(scale) * sizes).sum() / sizes.sum())  # of all cells
-    named = [("moments", plane.name)] if holds_moments(plane.name) else named_planes(plane)
+    in_file = isinstance(plane.velocity, ReducedVelocity) and plane.velocity.in_file
+    named = [("moments", plane.name)] if in_file else named_planes(plane)
     named += [("liner", name) for name in liner.files]
     named += [] if pressure is None else [("wall pressure", getattr(pressure, "name", ""))]
     return facts | origin_of(named, reference_phase=None if phase is None else real_tensor(phase).tolist())

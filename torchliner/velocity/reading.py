@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from torchliner.checks import FEWEST_PERIODS
 from torchliner.engine.blocks import MOST_BLOCKS, Blocks
 from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS
-from torchliner.engine.moments import SETTINGS, Layout, Moments, without_velocity
+from torchliner.engine.moments import SETTINGS, Layout, Moments, ReducedVelocity
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
 from torchliner.engine.sums import Job, PlaneRecord, is_differentiated, linear, reduce, square
 from torchliner.engine.survey import Membership, Survey, lines_of, survey_of, survey_sums
@@ -44,11 +45,6 @@ class Reading(Layout):
     lines: Tensor  # Hz, the harmonics and then other frequencies asked for, (L,), on the host
     device: torch.device
     dtype: torch.dtype
-
-    def record(self, progress: Progress | None = None) -> PlaneRecord:
-        """What the loop reads."""
-        excluded = None if bool(self.used.all()) else ~self.used.to(self.device)
-        return PlaneRecord(self.plane, self.dtype, self.device, excluded, progress)
 
     def without(self, faulty: Tensor) -> Reading:
         """The same without some probes, bool, (P,), on the host."""
@@ -84,15 +80,17 @@ class Reading(Layout):
 
     def run(self, jobs: dict[str, Job], run: Reduce = reduce, progress: Progress | None = None) -> dict[str, Tensor]:
         """One reading: what its jobs give, by name; ``run`` is the loop, of ``velocity.workers`` where others do it."""
-        found = run(self.record(progress), self.blocks, list(jobs.values()), None) if jobs else []
-        return dict(zip(jobs, found, strict=True))
+        record = PlaneRecord(self.plane, self.dtype, self.device, self.used, progress)
+        return dict(zip(jobs, run(record, self.blocks, list(jobs.values()), None) if jobs else [], strict=True))
 
     def moments(self, seen: Survey, locked: Drive | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
-        stated = self.chosen.describe()
+        left, v, stated = copy.copy(self.plane), self.plane.velocity, self.chosen.describe()
+        # All else that is stated of the plane was checked when it was made.
+        vars(left).update(velocity=ReducedVelocity(tuple(v.shape), v.dtype, left.name))
         layout = {each.name: getattr(self, each.name) for each in dataclasses.fields(Layout)}
         return Moments(
-            **layout | {"plane": without_velocity(self.plane)},
+            **layout | {"plane": left},
             settings={name: stated[name] for name in SETTINGS},
             survey=seen,
             locked=locked,
@@ -117,7 +115,7 @@ def reading_of(
     projected: bool = False,
     summed: bool = True,
 ) -> Reading:
-    """How a plane is read for liners of one pitch, with the warnings that need no sample.
+    """How a plane is read for liners of one pitch.
 
     Args:
         liners: for which nodes are chosen; none: for any liner, in cells of ``cell_pitch``, m.
@@ -175,7 +173,6 @@ def reading_of(
         turns=turns,
         device=device,
         dtype=dtype,
-        notes=tuple(review.review_reading(plane, pitch, asked, blocks, chosen, first)) if summed else (),
     )
 
 
@@ -227,8 +224,7 @@ def take_moments(
     if [state_of(path) for path in files] != before:
         raise OSError(f"{plane.name} was changed while it was read; read it when it is complete")
     known = reading.moments(seen, locked, first | second)
-    notes = review.review_moments(plane, known, cells) if reviewed else ()
-    return dataclasses.replace(known, notes=(*known.notes, *notes))
+    return dataclasses.replace(known, notes=tuple(review.review_moments(plane, known, cells))) if reviewed else known
 
 
 def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:

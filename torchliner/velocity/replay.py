@@ -1,5 +1,6 @@
 """DIR-TDIBC as printed: the signal that each probe reflects is formed, and R(f) is its spectrum over the wave's."""
 
+import dataclasses
 import math
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -14,6 +15,7 @@ from torchliner.engine.blocks import SLAB
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, replicates
 from torchliner.engine.kernels import KernelTable, build_kernels, kernel_band
 from torchliner.engine.replay import Replay, transfer
+from torchliner.engine.sums import PlaneRecord
 from torchliner.io.plane_writer import reflected_file
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
@@ -127,7 +129,8 @@ def replay(
 
     # What follows the last whole period is replayed, too.
     first = min(known.survey.blocks.borders[-1], samples - 1)
-    (rest,) = reading.record().slabs([(first, samples)])
+    record = PlaneRecord(plane, reading.dtype, reading.device, reading.used, progress)
+    (rest,) = dataclasses.replace(record, progress=None).slabs([(first, samples)])
     peak = torch.maximum(known.survey.peak, rest.detach().abs().amax(0).double()) + still.abs()
     limit = _velocity_limit(velocity_max, torch.where(members.used, peak, 0).cpu(), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
@@ -149,7 +152,7 @@ def replay(
         "level_check": "not checked by replay",
     }
     with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
-        signal = Replay(reading.record(progress), kernels, wave, drive, store=store)
+        signal = Replay(record, kernels, wave, drive, store=store)
         found = transfer(signal, wave, asked, rate, segment=None if segment is None else length, window=window)
         behind = samples - samples % (length if segment is None else length // 2)  # the last segment
         if store and behind < samples:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import Drive, incoherent_square, survey_of_locked
+from torchliner.engine.drives import incoherent_square, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Levels, interpolation_error
@@ -54,38 +54,6 @@ def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> I
         yield Note("no-mach", f"neither the liner nor {name} states a Mach number: 0 is taken; state mach (--mach)")
     if liner.fluid is not None:
         yield from (Note("gas", text) for text in gas_warnings(liner.fluid, plane.fluid, name))
-
-
-def review_reading(
-    plane: VelocityPlane,
-    cell_pitch: float | None,
-    frequency: Tensor,
-    blocks: Blocks,
-    chosen: Choices,
-    liner: LinerModel | None,
-) -> Iterator[Note]:
-    """What is known to be doubtful before any sample is read: no tone, one cell of all, a short record, a background
-    of another height."""
-    locked, quiet, name = chosen.averaging == "phase-locked", chosen.background, plane.name
-    if locked and plane.frequency is None and len(frequency) > 1:
-        yield Note("no-stated-tone", f"{name}: of v only the mean is averaged over cells; state its tone (frequency=)")
-    if locked and cell_pitch is None and plane.x is not None:
-        length, wave = float(plane.x.max() - plane.x.min()), float(plane.fluid.sound_speed) / float(frequency.max())
-        if length > LONG_CELL * wave:
-            text = f"all of {1e3 * length:.3g} mm counts as one cell, {length / wave:.2g} wavelengths"
-            yield Note("no-cell-pitch", f"{name}: {text}; state cell_pitch, or choose averaging='admittance'")
-    if chosen.interval is not None and blocks.count < FEWEST_BLOCKS:
-        text = f"no error bars, since the record holds {blocks.periods} whole periods; {FEWEST_BLOCKS} are the least"
-        yield Note("no-intervals", f"{name}: {text}, 16 give a fair interval")
-    diameter = None if liner is None else liner.hole_diameter
-    if quiet is None or quiet.height is None or not diameter:
-        return
-    if not NEAR[0] <= (share := quiet.height / diameter) <= NEAR[1]:
-        text = (
-            f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters; it acts at "
-            "half a diameter (docs/background.md): give planes on either side of it (--background LOW HIGH)"
-        )
-        yield Note("background-height", text)
 
 
 def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator[Note]:
@@ -155,35 +123,34 @@ def _place(plane: VelocityPlane, probe: int) -> tuple[int, ...]:
     return tuple(int(i) for i in torch.unravel_index(torch.tensor(probe), plane.probe_shape))
 
 
-def review_table(known: Moments, liner: LinerModel, frequency: Tensor, z: Tensor) -> tuple[float, list[Note]]:
-    """Model-table error in R, up to the largest |v| of the data, and what to say of it; ``z``: of the liner, (F,)."""
-    if known.nodes is None:
-        return 0.0, []
-    error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
-    remedy = "reduce the data with this liner and these frequencies"
-    if known.onto is not None:
-        remedy = "give it as a TabulatedLiner with its kinks among the speeds, or state speed_max and speed_kinks"
-    text = (
-        f"{known.plane.name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = "
-        f"{speed:.4g} m/s, from its values at {known.nodes.count} speeds (limit {LARGEST_MODEL_ERROR:g}): {remedy}"
-    )
-    if error > LARGEST_MODEL_ERROR:
-        raise ValueError(text)
-    most = error * float((z + 1).abs().square().max()) / 2  # of dZ = (Z + 1)^2 dR/2
-    return error, [Note("model-table", text, most)] if error > DOUBTFUL_MODEL_ERROR else []
-
-
 def review_sound(
     known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices
 ) -> tuple[list[Note], dict[str, Any]]:
     """Notes, and for the ``choices`` of the result ``velocity_ratio``, |V1|/(phi M c): peak of the phase-locked
     velocity of the cells at the tone over porosity and flow velocity, and ``tone_share``, of the variance of v*.
 
-    A record without the tone that is stated, or without any of those asked for, where none is; strong sound in weak
-    flow without a background; frequencies at which |v| is set by another tone.
+    Of phase-locked averaging, no stated tone, one cell of all, a background of another height; a record without the
+    tone that is stated, or without any of those asked for, where none is; strong sound in weak flow without a
+    background; frequencies at which |v| is set by another tone.
     """
     plane, seen, cells, count = known.plane, known.survey, known.membership, known.survey.blocks.count
     name, porosity, notes, facts = plane.name, liner.surface_porosity, list[Note](), dict[str, Any]()
+    locked, quiet, diameter = chosen.averaging == "phase-locked", chosen.background, liner.hole_diameter
+    if locked and plane.frequency is None and len(frequency) > 1:
+        text = f"{name}: of v only the mean is averaged over cells; state its tone (frequency=)"
+        notes.append(Note("no-stated-tone", text))
+    if locked and known.cell_pitch is None and plane.x is not None:
+        length, wave = float(plane.x.max() - plane.x.min()), float(plane.fluid.sound_speed) / float(frequency.max())
+        if length > LONG_CELL * wave:
+            text = f"{name}: all of {1e3 * length:.3g} mm counts as one cell, {length / wave:.2g} wavelengths"
+            notes.append(Note("no-cell-pitch", f"{text}; state cell_pitch, or choose averaging='admittance'"))
+    share = 0.5 if quiet is None or quiet.height is None or not diameter else quiet.height / diameter
+    if not NEAR[0] <= share <= NEAR[1]:
+        text = (
+            f"the rms without sound is that at {1e3 * quiet.height:.3g} mm, {share:.2g} hole diameters; it acts at "
+            "half a diameter (docs/background.md): give planes on either side of it (--background LOW HIGH)"
+        )
+        notes.append(Note("background-height", text))
     tested = frequency if plane.frequency is None else torch.tensor([plane.frequency], dtype=torch.float64)
     coherence = float(seen.coherence(tested, cells).nan_to_num(1).max()) if count > 2 else 1.0
     limit = coherence_by_chance(max(count, 3), CHANCE)
@@ -204,16 +171,20 @@ def review_sound(
         peak = float(cells.mean(seen.tone(frequency[place])[0, :, 0]).abs().mean())
         ratio = peak / (porosity * plane.mach * float(plane.fluid.sound_speed))
         facts["velocity_ratio"] = ratio if math.isfinite(ratio) else None
-        if ratio > JETS and chosen.averaging == "phase-locked" and known.settings["background"] is None:
+        if ratio > JETS and locked and known.settings["background"] is None:
             text = (
                 f"{name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {JETS:g}): v holds vortices of the jets "
                 "that the sound makes, so that R is probably too high: give a run without sound (--background)"
             )
             notes.append(Note("velocity-ratio", text))
-    if chosen.averaging == "phase-locked" and plane.frequency is not None and seen.harmonics:
+    if locked and plane.frequency is not None and seen.harmonics:
         other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
         if bool(other.any()) and known.settings["drive"] == "instantaneous" and known.locked is not None:
-            facts["tone_share"] = share = tone_share(known, known.locked)
+            scale, inside = known.locked.scale, cells.labels < cells.count
+            rest = incoherent_square(seen, cells) * (1.0 if scale is None else scale**2)
+            star = survey_of_locked(known.locked, seen).rms.square()
+            share = 1 - float((rest * inside).sum() / (star * inside).sum().clamp(min=1e-300))
+            facts["tone_share"] = share  # mean over the cells
             if share > TONAL:
                 text = (
                     f"{100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz: at "
@@ -221,14 +192,6 @@ def review_sound(
                 )
                 notes.append(Note("other-tone", f"{name}: {text}"))
     return notes, facts
-
-
-def tone_share(known: Moments, locked: Drive) -> float:
-    """Share of the variance of v* that is periodic with the tone, mean over the cells."""
-    seen, cells = known.survey, known.membership
-    rest = incoherent_square(seen, cells) * (1.0 if locked.scale is None else locked.scale**2)
-    star, inside = survey_of_locked(locked, seen).rms.square(), cells.labels < cells.count
-    return 1 - float((rest * inside).sum() / (star * inside).sum().clamp(min=1e-300))
 
 
 def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
@@ -239,33 +202,57 @@ def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
     return [Note("phase-fell-back", f"self-consistent phase: {text} with the tone; they are 'averaged' instead")]
 
 
-def review_answer(known: Moments, paper: Averages, chief: Educed, frequency: Tensor, chosen: Choices) -> Iterator[Note]:
-    """Probes that count as wall, values that fell back, fewer than eight runs, a large bias of a mean of admittances.
-    ``paper``: averaging ``admittance``, whose probes are judged; ``chief``: of the liner, by the answer's averaging."""
+def review_answer(
+    known: Moments, liner: LinerModel, paper: Averages, chief: Educed, frequency: Tensor, chosen: Choices
+) -> tuple[float, list[Note]]:
+    """Model-table error in R, up to the largest |v| of the data; and notes: of that, of probes that count as wall,
+    values that fell back, no interval or fewer than eight runs, a large bias of a mean of admittances.
+
+    ``paper``: averaging ``admittance``, whose probes are judged; ``chief``: of the liner, by the answer's averaging.
+    """
     name, total, blocks, limit = known.plane.name, int(known.used.sum()), known.survey.blocks, chosen.wall_filter or 0.0
+    notes, error = list[Note](), 0.0
+    if known.nodes is not None:
+        error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
+        remedy = "reduce the data with this liner and these frequencies"
+        if known.onto is not None:
+            remedy = "give it as a TabulatedLiner with its kinks among the speeds, or state speed_max and speed_kinks"
+        text = (
+            f"{name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = {speed:.4g} m/s, "
+            f"from its values at {known.nodes.count} speeds (limit {LARGEST_MODEL_ERROR:g}): {remedy}"
+        )
+        if error > LARGEST_MODEL_ERROR:
+            raise ValueError(text)
+        if error > DOUBTFUL_MODEL_ERROR:  # dZ = (Z + 1)^2 dR/2
+            most = float((chief.impedance.detach() + 1).abs().square().max()) / 2
+            notes.append(Note("model-table", text, error * most))
     walls = [] if paper.wall is None else paper.wall.sum(0).tolist()
     for f, found in zip(frequency.tolist(), walls, strict=bool(walls)):
         text = (
             f"wall filter: {found} of {total} probes ({100 * found / total:.3g} %) of {name} are wall at {f:g} Hz; "
             f"without any tone {100 * (1 - limit) ** (blocks.count - 1):.2g} % would pass it"
         )
-        yield Note("wall-filter", text)
+        notes.append(Note("wall-filter", text))
     if chosen.phase == "self-consistent":
-        yield from fallen_back(paper.held, chosen)
+        notes += fallen_back(paper.held, chosen)
+    if chosen.interval is not None and blocks.count < FEWEST_BLOCKS:
+        text = f"no error bars, since the record holds {blocks.periods} whole periods; {FEWEST_BLOCKS} are the least"
+        notes.append(Note("no-intervals", f"{name}: {text}, 16 give a fair interval"))
     if (interval := chief.interval) is None:
-        return
+        return error, notes
     runs, width = float(interval.runs.min()), float(interval.widths.max())
     if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
         wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
         text = f"{name}: the error bars rest on {runs:.2g} independent blocks; they are rough, and {wanted} periods "
         text += f"instead of {blocks.periods} would give {FEWEST_RUNS}"
-        yield Note("few-blocks", text, width / 2 if math.isfinite(width) else None)
+        notes.append(Note("few-blocks", text, width / 2 if math.isfinite(width) else None))
     pairs = zip(interval.bias.tolist(), interval.standard_error.tolist(), strict=True)
-    for f, (bias, error) in zip(frequency.tolist(), pairs, strict=True):
-        if max(abs(bias.real) - error.real, abs(bias.imag) - error.imag) > SMALLEST_WIDTH:
+    for f, (bias, scatter) in zip(frequency.tolist(), pairs, strict=True):
+        if max(abs(bias.real) - scatter.real, abs(bias.imag) - scatter.imag) > SMALLEST_WIDTH:
             text = (
                 f"{name}: the mean of the probes' admittances is off by about {bias.real:+.2g}{bias.imag:+.2g}j in Z "
                 f"at {f:g} Hz, more than its standard error; the interval is without that bias, the value is not"
             )
-            yield Note("biased-mean", text, abs(bias))
+            notes.append(Note("biased-mean", text, abs(bias)))
+    return error, notes
