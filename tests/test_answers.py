@@ -12,7 +12,6 @@ from conftest import DATA, codes, load_script
 import torchliner as tl
 from torchliner.cli.main import main
 from torchliner.engine.drives import incoherent_square
-from torchliner.engine.survey import coherence_by_chance
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.velocity.review import CHANCE
@@ -142,11 +141,10 @@ def test_chance_is_what_it_says(liner):
         blocks = known.survey.blocks.count
         if seed < 15:
             noted = "no-tone" in codes(tl.educe(noise, one, interval=None, averaging="velocity"))
-            assert noted == (found[-1] <= coherence_by_chance(blocks, CHANCE))
+            assert noted == (found[-1] <= 1 - CHANCE ** (1 / (blocks - 1)))
     for chance in (0.5, 0.1):
-        share = sum(each > coherence_by_chance(blocks, chance) for each in found) / len(found)
+        share = sum(each > 1 - chance ** (1 / (blocks - 1)) for each in found) / len(found)
         assert share == pytest.approx(chance, abs=3 * math.sqrt(chance * (1 - chance) / len(found)))
-    assert coherence_by_chance(3, CHANCE) == pytest.approx(0.9)
 
 
 def test_level_matched_gives_the_level(liner, tmp_path):

@@ -123,11 +123,12 @@ def test_a_table_serves_the_speeds_that_drive(choices):
 
 
 def test_phases_of_probes_are_not_those_of_frequencies(liner):
-    """Two values for two probes and two frequencies may be either."""
+    """Two values are of two probes; with a last axis they are of frequencies."""
     plane = plane_of(turbulence((2, 600)))
     asked = {"frequency": [1400.0, 2100.0], "phase": "given", "interval": None}
-    with pytest.raises(ValueError, match=r"give \(probes, 1\) or \(1, frequencies\)"):
-        tl.educe(plane, liner, reference_phase=[0.0, 1.2], **asked)
+    by_probe = tl.educe(plane, liner, reference_phase=[0.0, 1.2], **asked)
+    spelled = tl.educe(plane, liner, reference_phase=[[0.0, 0.0], [1.2, 1.2]], **asked)
+    assert complex(by_probe.answer[0]) == complex(spelled.answer[0])
     by_frequency = tl.educe(plane, liner, reference_phase=[[0.0, 1.2]], **asked)
     alone = tl.educe(plane, liner, reference_phase=1.2, **{**asked, "frequency": 2100.0})
     assert complex(by_frequency.answer[1]) == pytest.approx(complex(alone.answer[0]), rel=1e-9)

@@ -91,8 +91,8 @@ class GrowingMoments:
             if len(self.borders) > MOST:  # neighbours become one block
                 for name, sums in self._rows.items():
                     found, later = sums.unflatten(0, (-1, 2)).unbind(1)
-                    self._jobs[name].join(found, later)
-                    self._rows[name] = found.clone()
+                    most = torch.maximum(found, later)[:, found.shape[1] - self._jobs[name].largest :]
+                    self._rows[name] = torch.cat([(found + later)[:, : found.shape[1] - most.shape[1]], most], 1)
                 self.each, self.borders = 2 * self.each, self.borders[::2]
         self._waiting = rows[self.borders[-1] - done :].clone()
 

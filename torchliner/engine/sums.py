@@ -91,14 +91,6 @@ class Job:
     reach: int = 0  # samples before and after a slab that ``drive`` needs to see; their columns are not summed
     largest: int = 0  # of how many of the last rows blocks keep the largest instead of the sum
 
-    def join(self, found: Tensor, part: Tensor) -> None:
-        """Add to what was found of a block, (..., R, K, N), in place, what was found of another part of it."""
-        sums = found.shape[-3] - self.largest
-        found[..., :sums, :, :].add_(part[..., :sums, :, :])
-        if self.largest:
-            most = found[..., sums:, :, :]
-            torch.maximum(most, part[..., sums:, :, :], out=most)
-
 
 def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[int] | None = None) -> list[Tensor]:
     """Read a record once and give what each job asks for, float64, (S, R, K, N), of the blocks ``only``, rising;
@@ -142,8 +134,12 @@ def reduce(record: Record, blocks: Blocks, jobs: Sequence[Job], only: Iterable[i
         for batch, found in zip(batches, in_order(work, items, device), strict=True):
             kept = kept or [each.new_zeros(len(taken), *each.shape[1:]) for each in found]
             for job, own, each in zip(jobs, kept, found, strict=True):
+                sums = own.shape[1] - job.largest
                 for slab, row in zip(batch, each, strict=True):
-                    job.join(own[slab.place], row)
+                    own[slab.place, :sums] += row[:sums]
+                    if job.largest:
+                        most = own[slab.place, sums:]
+                        torch.maximum(most, row[sums:], out=most)
     return kept
 
 

@@ -78,9 +78,8 @@ class Survey:
     sums: Tensor  # of v times 1, cos and sin of the lines, m/s, (S, 1 + 2 L, P)
     squares: Tensor  # of v^2, m2/s2, (S, P)
     peaks: Tensor  # largest |v|, m/s, (S, P)
-    gram: Tensor = field(
-        default_factory=lambda: torch.empty(0)
-    )  # of 1, cos and sin, (S, 1 + 2 L, 1 + 2 L), on the host
+    # Of 1, cos and sin, (S, 1 + 2 L, 1 + 2 L), on the host.
+    gram: Tensor = field(default_factory=lambda: torch.empty(0))
     waves: Tensor = field(init=False)  # sums of 1, cos and sin alone, on the device of the sums, (S, 1 + 2 L)
     lengths: Tensor = field(init=False)  # samples of each block, likewise, (S,)
     rows: list[int] = field(init=False)  # which of the 1 + 2 L rows are 1, cos and sin of the harmonics
@@ -143,11 +142,6 @@ class Survey:
         of_v, of_one = self.line_sums(frequency, columns)
         means = partial(replicates, lengths=self.lengths, every=every)
         return 2 * (means(of_v) - means(self.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
-
-
-def coherence_by_chance(blocks: int, chance: float) -> float:
-    """Squared coherence c that noise exceeds in this share of records of S blocks: (1 - c)^(S - 1)."""
-    return 1 - chance ** (1 / (blocks - 1))
 
 
 def survey_sums(weights: Tensor, columns: Tensor) -> Tensor:

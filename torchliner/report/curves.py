@@ -10,7 +10,10 @@ from torch import Tensor
 
 from torchliner.checks import index_of_frequency
 from torchliner.conversions import impedance_from_admittance
+from torchliner.engine.blocks import Blocks
+from torchliner.engine.drives import Drive
 from torchliner.engine.kernels import BAND
+from torchliner.engine.sums import Job, PlaneRecord, linear, reduce, square
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
 from torchliner.report import figure as look
@@ -25,7 +28,6 @@ from torchliner.report.maps import (
 )
 from torchliner.report.table import Row
 from torchliner.studies.variants import rows_of
-from torchliner.velocity.reading import time_moments
 
 ORDERS = {"admittance": "admittance over points", "pressure-first": "pressure first"}  # of averaging, in situ
 ASIDE = 0.3  # mm, between markers at one cell
@@ -70,6 +72,14 @@ def impedance_over_frequency(result: ImpedanceMap) -> list[Row]:
     others = {name: result.liner[name].impedance for name in result.averagings if name != result.averaging}
     about = {"frequency (Hz)": result.frequency, "impedance": answer.impedance, "interval": answer.interval}
     return rows_of(**about, **others)
+
+
+def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
+    """Time mean of v and of v squared, m/s and m2/s2, each (P,), in float64."""
+    jobs = [Job(Drive(), measure) for measure in (linear, square)]
+    blocks = Blocks((0, plane.samples), plane.sampling_rate, 1)
+    mean, mean_square = reduce(PlaneRecord(plane, torch.float64, torch.device("cpu")), blocks, jobs)
+    return mean.flatten() / plane.samples, mean_square.flatten() / plane.samples
 
 
 def velocity_along_x(plane: VelocityPlane) -> list[Row]:

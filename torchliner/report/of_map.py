@@ -24,7 +24,6 @@ from torchliner.report.studies import draw_comparison, draw_over_height
 from torchliner.report.table import STATISTICAL, Row, table_of
 from torchliner.studies.compare import compare
 from torchliner.studies.variants import rows_of
-from torchliner.velocity.background import background_words
 
 MATCHED = "level-matched"
 SHOWN = "run,frequency,averaging,impedance,interval,level check,share,spread,coherence"
@@ -217,3 +216,15 @@ def height_rows(result: ImpedanceMap, index: int) -> list[Row]:
         | dict(zip(("low", "high"), result.bounds_of_liner(name, index) or (None, None), strict=True))
         for name in result.averagings
     ]
+
+
+def background_words(choices: dict[str, Any]) -> str:
+    """'incoherent velocity scaled by 0.43 to 1.38 m/s ...': what a result says of its background; "" without one."""
+    found = choices.get("background")
+    if found is None:
+        return ""
+    stated = isinstance(found, float | int)
+    rms = [found] if stated else found["rms"]
+    ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (min(rms), max(rms))))
+    source = "as stated" if stated else f"the rms without sound of {' and '.join(found['source'])}"
+    return f"incoherent velocity scaled by {choices.get('incoherent_scale', 1.0):.3g} to {ends} m/s, {source}"

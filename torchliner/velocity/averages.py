@@ -145,19 +145,18 @@ def average(
 
 
 def phase_of(plane: VelocityPlane, chosen: Choices, phase: Any, count: int) -> Tensor:
-    """psi of all probes, (P, F or 1), from what was given for F = ``count`` frequencies."""
+    """psi of all probes, (P, F), from what was given for F = ``count`` frequencies."""
     if chosen.phase != "given" or phase is None:
         raise ValueError("phase='given' and reference_phase, in rad, one for all or per probe, go together")
     values, shape = real_tensor(phase, name="reference_phase (rad)").cpu(), plane.probe_shape
     if not bool(torch.isfinite(values).all()):
         raise ValueError("reference_phase holds values that are not finite; it is in rad")
-    for candidate in (shape, (*shape, count)):
-        with contextlib.suppress(RuntimeError):
-            if not (count > 1 and values.shape == shape[-1:] == (count,)):  # of probes or of frequencies?
-                return values.broadcast_to(candidate).reshape(plane.probes, -1)
+    with contextlib.suppress(RuntimeError):
+        each = values if values.ndim > len(shape) else values[..., None]
+        return each.broadcast_to((*shape, count)).reshape(plane.probes, count)
     raise ValueError(
-        f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape {shape} (and {count} "
-        "frequencies): give (probes, 1) or (1, frequencies)"
+        f"reference_phase has shape {tuple(values.shape)}; it must broadcast over probes of shape {shape}, with a last "
+        f"axis over these and {count} frequencies"
     )
 
 

@@ -4,7 +4,6 @@ Sound over a flow makes jets, whose vortices pass the plane as if they were turb
 turbulence that is there without the sound (docs/background.md).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,7 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive, incoherent_square
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import Job, PlaneRecord, reduce
-from torchliner.engine.survey import Membership, Survey, coherence_by_chance, lines_of, survey_of, survey_sums
+from torchliner.engine.survey import Membership, Survey, lines_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
@@ -104,7 +103,7 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
     members = Membership.of(cells, torch.ones(about.probes, dtype=torch.bool), seen.sums.device)
     if tone is not None and count > 2:
         found = float(seen.coherence(torch.tensor([tone], dtype=torch.float64), members).nan_to_num(0).max())
-        limit = coherence_by_chance(count, FALSE_ALARM)
+        limit = 1 - FALSE_ALARM ** (1 / (count - 1))  # noise exceeds c in (1 - c)^(S - 1) of records
         if found > limit:
             raise ValueError(
                 f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}; noise exceeds "
@@ -128,15 +127,3 @@ def _require_same(quiet: VelocityPlane, plane: VelocityPlane, same_height: bool)
         a is b is None or (a is not None and b is not None and torch.allclose(a, b, rtol=0, atol=CLOSE))
         for a, b in pairs
     )
-
-
-def background_words(choices: Mapping[str, Any]) -> str:
-    """'incoherent velocity scaled by 0.43 to 1.38 m/s ...': what a result says of its background; "" without one."""
-    found = choices.get("background")
-    if found is None:
-        return ""
-    stated = isinstance(found, float | int)
-    rms = [found] if stated else found["rms"]
-    ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (min(rms), max(rms))))
-    source = "as stated" if stated else f"the rms without sound of {' and '.join(found['source'])}"
-    return f"incoherent velocity scaled by {choices.get('incoherent_scale', 1.0):.3g} to {ends} m/s, {source}"

@@ -17,7 +17,7 @@ from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.moments import SETTINGS, Layout, Moments, ReducedVelocity
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
-from torchliner.engine.sums import Job, PlaneRecord, is_differentiated, linear, reduce, square
+from torchliner.engine.sums import Job, PlaneRecord, is_differentiated, reduce, square
 from torchliner.engine.survey import Membership, Survey, lines_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.records import VelocityPlane
@@ -225,11 +225,3 @@ def take_moments(
         raise OSError(f"{plane.name} was changed while it was read; read it when it is complete")
     known = reading.moments(seen, locked, first | second)
     return dataclasses.replace(known, notes=tuple(review.review_moments(plane, known, cells))) if reviewed else known
-
-
-def time_moments(plane: VelocityPlane) -> tuple[Tensor, Tensor]:
-    """Time mean of v and of v squared, m/s and m2/s2, each (P,), in float64."""
-    jobs = [Job(Drive(), measure) for measure in (linear, square)]
-    blocks = Blocks((0, plane.samples), plane.sampling_rate, 1)
-    mean, mean_square = reduce(PlaneRecord(plane, torch.float64, torch.device("cpu")), blocks, jobs)
-    return mean.flatten() / plane.samples, mean_square.flatten() / plane.samples
