@@ -134,13 +134,6 @@ Nodes = Chebyshev | Levels
 ANY_LINER = Chebyshev(64, 1.5)  # for liners that are not known yet
 
 
-def nodes_of(plain: dict[str, Any]) -> Nodes:
-    """From the values of their fields."""
-    if plain["kind"] == "chebyshev":
-        return Chebyshev(int(plain["count"]), float(plain["centre"]))
-    return Levels(tuple(float(v) for v in plain["kinks"]), int(plain["parts"]))
-
-
 @torch.no_grad()
 def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top: float) -> tuple[float, float]:
     """Largest error in R from its values at the nodes, over 0 to ``top`` (m/s), and the |v| where it occurs."""

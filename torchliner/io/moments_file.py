@@ -11,7 +11,7 @@ import torch
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments, ReducedVelocity
-from torchliner.engine.nodes import nodes_of
+from torchliner.engine.nodes import Chebyshev, Levels, Nodes
 from torchliner.engine.survey import Membership, Survey
 from torchliner.io.hdf5 import is_there, open_file, text_attribute
 from torchliner.io.own_file import read_attribute, read_coordinate, read_row, require_schema, take
@@ -109,7 +109,9 @@ def read_moments(path: str | Path) -> Moments:
         shape, precision = tuple(said["velocity"]["shape"]), PRECISIONS[said["velocity"]["precision"]]
         harmonics, borders = said["blocks"].pop("harmonics"), tuple(said["blocks"]["borders"])
         blocks = Blocks(**said["blocks"] | {"borders": borders})
-        nodes = nodes_of(said["nodes"]) if said["nodes"] else None
+        nodes: Nodes | None = None
+        if plain := said["nodes"]:
+            nodes = Chebyshev(**plain) if "centre" in plain else Levels(tuple(plain["kinks"]), plain["parts"])
         settings, pitch = said["settings"], said["settings"].pop("cell_pitch")
         locks = settings["averaging"] == "phase-locked"
         sums = [SUMS[name] for name in (SQUARES, *([*AVERAGINGS][: 2 + locks] if nodes else []))]

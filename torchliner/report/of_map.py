@@ -1,7 +1,7 @@
 """The answer of impedance maps, one or several that belong together, and its pictures."""
 
 import contextlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -218,7 +218,7 @@ def height_rows(result: ImpedanceMap, index: int) -> list[Row]:
     ]
 
 
-def background_words(choices: dict[str, Any]) -> str:
+def background_words(choices: Mapping[str, Any]) -> str:
     """'incoherent velocity scaled by 0.43 to 1.38 m/s ...': what a result says of its background; "" without one."""
     found = choices.get("background")
     if found is None:

@@ -239,7 +239,8 @@ def review_answer(
         notes.append(Note("no-intervals", f"{name}: {text}, 16 give a fair interval"))
     if (interval := chief.interval) is None:
         return error, notes
-    runs, width = float(interval.runs.min()), float(interval.widths.max())
+    low, high = map(torch.view_as_real, (interval.low, interval.high))
+    runs, width = float(interval.runs.min()), float((high - low).max())
     if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
         wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
