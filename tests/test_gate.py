@@ -205,7 +205,7 @@ def test_warnings_come_once_three_at_most_and_are_ours(capsys, folder, monkeypat
 
     monkeypatch.setattr(work, "read_records", doubtful)
     err = run(capsys, "info", "plane.h5")[2].splitlines()
-    assert err[0] == "warning: plane.h5: rests on 0.5 blocks; pass --quiet"
+    assert err[0] == "warning: plane.h5: rests on 0.5 blocks; pass quiet=True"
     assert err[1:3] == ["warning: warned two", "warning: warned three"]
     assert "1 more; --verbose" in err[3]
     assert len(err) == 5
@@ -226,7 +226,7 @@ sys.exit(main(["info", "plane.h5"]))
 """
 
 
-@pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.files", "torch", "h5py"])
+@pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.campaign", "torch", "h5py"])
 def test_an_interrupt_while_modules_are_imported(folder, name):
     code = IMPATIENT.format(name=name)
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -58,8 +58,7 @@ def _plain(kinds: tuple[type, ...], needed: str, name: str, value: Any) -> Any:
     return kinds[-1](plain)
 
 
-# A number as a float, a whole number as an int: Python's, NumPy's, or an array or tensor of one; TypeError for text,
-# truth values, and 200.0 as a whole number.
+# Python's, NumPy's, or an array or tensor of one; TypeError for text, truth values, and 200.0 as a whole number.
 one_number: Callable[[str, Any], float] = partial(_plain, (int, float), "one number")
 whole_number: Callable[[str, Any], int] = partial(_plain, (int,), "a whole number")
 _complex = partial(_plain, (int, float, complex), "one number, complex or real,")

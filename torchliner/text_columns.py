@@ -40,7 +40,7 @@ def header_line(lines: Sequence[str], path: str | Path) -> int:
 
 
 def cells_of(line: str, separator: str | None) -> list[str]:
-    """Cells of a line without the blanks around them; separator None for blanks."""
+    """Without the blanks around them; separator None for blanks."""
     return [cell.strip() for cell in line.split(separator)]
 
 

@@ -75,7 +75,7 @@ def _run(parser: Parser, options: Namespace) -> int:
     """The command, between the gate and what is said of its errors."""
     inputs: list[str] = []
     try:
-        with warnings_on_stderr(parser, options), passed(options.command, parser.options, options) as named:
+        with warnings_on_stderr(options), passed(options.command, parser.options, options) as named:
             inputs += named
             return int(resolve(f"torchliner.cli.{COMMANDS[options.command].home}")(options) or DONE)
     except BrokenPipeError:
@@ -83,8 +83,7 @@ def _run(parser: Parser, options: Namespace) -> int:
     except Exception as error:
         if options.debug:
             traceback.print_exc()
-        words = parser.in_words(error_text(error, inputs))
-        print(printable(f"torchliner {options.command}: {words}"), file=sys.stderr)
+        print(printable(f"torchliner {options.command}: {error_text(error, inputs)}"), file=sys.stderr)
         return BAD_INPUT
 
 
@@ -98,7 +97,7 @@ def error_text(error: Exception, inputs: Sequence[str]) -> str:
 
 
 @contextmanager
-def warnings_on_stderr(parser: Parser, options: Namespace) -> Iterator[None]:
+def warnings_on_stderr(options: Namespace) -> Iterator[None]:
     """Each warning once, what moves Z most first: three, all with --verbose, none with --quiet; the answer has the
     level check."""
     with warnings.catch_warnings(record=True) as caught:
@@ -115,7 +114,7 @@ def warnings_on_stderr(parser: Parser, options: Namespace) -> Iterator[None]:
             shown = every if options.verbose else every[:WARNINGS_SHOWN]
             for text in shown:
                 lead = "" if sizes.get(text) is None else f" (may move Z by {sizes[text]:.2g})"
-                print(f"warning{lead}: {printable(parser.in_words(text))}", file=sys.stderr)
+                print(f"warning{lead}: {printable(text)}", file=sys.stderr)
             if len(every) > len(shown):
                 print(f"warning: {len(every) - len(shown)} more; --verbose prints them", file=sys.stderr)
 

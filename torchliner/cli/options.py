@@ -260,16 +260,6 @@ class Parser(argparse.ArgumentParser):
                 getattr(found, each.to)[each.dest] = getattr(found, each.dest)
         return found
 
-    def in_words(self, text: str) -> str:
-        """Keywords of Python, as ``allow_short=True``, as options of the command."""
-        flags = {each.dest: each.flag for each in self.options if each.flag[:1] == "-"}
-
-        def option(found: re.Match[str]) -> str:
-            name, value = found.groups()
-            return f"{flags[name]} {value}".removesuffix(" True") if name in flags else found[0]
-
-        return re.sub(r"(?<![\w-])([a-z]\w*)=['\"]?(\.\.\.|[\w+-]+(?:\.\w+)*)['\"]?", option, text)
-
     def error(self, message: str) -> NoReturn:
         """Print the message with the nearest known word, and where to find help; exit with 2."""
         if wrong := re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message):

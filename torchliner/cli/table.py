@@ -233,7 +233,7 @@ GROUPS = {
             output("write poles and residues, as coefficient lists,", ".json", ".txt"),
         ),
     },
-    ("files", "files of planes"): {
+    ("campaign", "files of planes"): {
         "info": row("plane"),
         "convert": row(
             "plane plane-file seen case below",

@@ -121,11 +121,7 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
 def with_in_situ(
     maps: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], record: PressureRecord
 ) -> list[ImpedanceMap]:
-    """Maps, one a plane, with the in situ impedances of a record of the same case beside them.
-
-    Raises:
-        ValueError: the record states another case, tone, level or flow.
-    """
+    """Maps, one a plane, with the in situ impedances of a record of the same case beside them."""
     beside = []
     for result, plane in zip(maps, planes, strict=True):
         require_same_run(plane, record)

@@ -238,9 +238,8 @@ class WallSearch(Problem):
 def best_wall(problem: WallSearch) -> Minimum:
     """The best wall with no guess, from the best of a grid of impedances.
 
-    Quiet microphones, near a node, make many narrow valleys, and so does a phase that counts more than the level. So
-    the impedances of the grid are compared by pressure, not by its logarithm, and the first search takes relative
-    errors of both parts alike.
+    Quiet microphones and phases that count more than levels make narrow valleys: the grid is compared by pressure, not
+    by its logarithm, and the first search takes relative errors of both parts alike.
     """
     pressure, signed = problem.pressure, sorted({sign * size for size in SIZES for sign in (-1, 1)})
     walls = torch.tensor([complex(r, x) for r in SIZES for x in signed], dtype=torch.complex128)

@@ -104,11 +104,8 @@ def draw_pressures(
     scale: Tensor | None = None,
     freedom: float = math.inf,
 ) -> Tensor:
-    """Complex pressures (..., N, F) with errors, (D, ..., N, F), as of ``MicrophoneErrors``.
-
-    ``scale``: factor of both errors, (..., F); above 1 it was estimated with ``freedom`` real degrees of freedom.
-    Source: Roncen et al. (2026), section 5.5.5: 0.1 dB, 0.1 degrees, 500 realisations, no misfit.
-    """
+    """Complex pressures (..., N, F) with errors, (D, ..., N, F), as of ``MicrophoneErrors``; ``scale``: factor of both,
+    (..., F), which above 1 was estimated with ``freedom`` real degrees of freedom."""
     level, phase = MicrophoneErrors(level_error, phase_error).parts
     noise = torch.randn(2, draws, *pressure.shape, generator=generator, dtype=torch.float64)
     if scale is not None and bool((scale > 1).any()):

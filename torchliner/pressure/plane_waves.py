@@ -189,16 +189,9 @@ def split_waves(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Least-squares amplitudes of the two waves from complex pressures, Pa, (..., M, F), at ``places`` y, m, (M,).
 
-    ``velocity`` is rho c v_in there, Pa, v_in towards the surface: as many equations more, which do not know the flow's
-    turbulence as the pressures do. ``mach`` is of the mean flow away from the surface. For M = 0 and two microphones
-    this is ISO 10534-2.
-
-    Returns:
-        A and B at y = 0, (..., 2, F); relative residual, (..., F), nan for two equations, which two waves always fit;
-        condition number, (F,).
-    Raises:
-        ValueError: fewer than two microphones (one with velocities), all of them half a wavelength apart, or at one
-            place.
+    ``velocity`` is rho c v_in there, Pa, v_in towards the surface: as many equations more. ``mach`` is of the mean flow
+    away from the surface. Returns A and B at y = 0, (..., 2, F); the relative residual, (..., F), nan for two
+    equations; the condition number, (F,). For M = 0 and two microphones this is ISO 10534-2.
     """
     if len(places) < (2 if velocity is None else 1):
         raise ValueError(f"microphones: {len(places)} given; two waves need at least two")

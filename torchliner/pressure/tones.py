@@ -63,9 +63,6 @@ class Tones:
         start: s at the beginning that are left out.
         allow_short: accept fewer than four periods.
         interval: level of the statistical intervals, 0 to 1; None for none.
-    Raises:
-        ValueError: no frequency is stated; one is at or above Nyquist; the record after ``start`` is empty or has fewer
-            than four periods of one; the level is not between 0 and 1.
     """
 
     record: PressureRecord

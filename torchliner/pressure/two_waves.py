@@ -93,8 +93,7 @@ class WavePairs(Problem):
     places: Tensor  # s and s - S, m, (N, 2)
     duct: Duct  # of each line, (P,), the flow along s
 
-    # Sizes are relative to k + |alpha|.
-    tolerance = 1e-10
+    tolerance = 1e-10  # of k + |alpha|
 
     @property
     def whole(self) -> Tensor:

@@ -220,16 +220,8 @@ def kumaresan_tufts(
 
 
 def find_exponentials(signal: Tensor, rank: int, order: int) -> tuple[Tensor, ...]:
-    """K exponentials a lambda^n of signals p (..., N) by backward linear prediction.
-
-    Returns:
-        lambda, (..., K), largest |z| first; a at the first sample, (..., K); energies, sums of |a lambda^n|^2 over that
-        of |p|^2, (..., K); all singular values of the prediction matrix, (..., L); rms of what the exponentials leave
-        over that of p, (...).
-    Raises:
-        ValueError: ``rank``, K, is not 1 to L; ``order``, L, is above N/2.
-    Source: Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833.
-    """
+    """K exponentials a lambda^n of signals p (..., N), Kumaresan & Tufts (1982), IEEE Trans. ASSP 30, 833: lambda, a at
+    the first sample, energies over that of p, (..., K); singular values, (..., L); relative residual, (...)."""
     samples = signal.shape[-1]
     if order < 1 or samples < 2 * order:
         raise ValueError(f"{samples} microphones are fewer than twice the order, {order}; the most is {samples // 2}")

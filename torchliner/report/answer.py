@@ -30,7 +30,7 @@ HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of
     "slopes": "of_studies:of_sensitivities",
     "skipped": "of_studies:of_audit",
     "words": "of_studies:of_comparison",
-    "sorted_by": "of_studies:of_models",
+    "references": "of_studies:of_models",
     "judged": "of_studies:of_heights",
 }
 

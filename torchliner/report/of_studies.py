@@ -58,7 +58,7 @@ def of_comparison(found: Study) -> Answer:
 
 
 def of_models(found: Study) -> Answer:
-    """A row a frequency and model, the nearest first."""
+    """A row a frequency and model."""
     distances = "".join(f",distance.{name}" for name in found.references)
     drawn = [Row(row, name=f"{row.model}, {row.frequency:g} Hz") for row in found.rows[: studies.MOST_DRAWN]]
     title = f"{found.title}, averaging {found.averaging}"
@@ -66,7 +66,7 @@ def of_models(found: Study) -> Answer:
     return Answer(
         title=f"Models: {found.title}",
         lines=[
-            f"Whole liner, averaging {found.averaging}; models by {found.sorted_by}.",
+            f"Whole liner, averaging {found.averaging}.",
             *(f"{name}: {format_complex(value)}" for name, value in found.references.items()),
             f"Level check: {found.level_check_words}.",
         ],

@@ -51,8 +51,6 @@ def audit(
         base (Z of the whole liner), low, high, level (its interval; None without one), level_check (dB), skipped
         (factors that cannot be varied with these data, and why). ``rows``, the factor that moves Z most first: factor,
         variant, impedance, change (off the base), level_check.
-    Raises:
-        ValueError: as ``educe``; several frequencies; planes of several cases.
     """
     plane, *above = [planes] if isinstance(planes, VelocityPlane) else planes
     if above:

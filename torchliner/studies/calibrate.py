@@ -53,9 +53,6 @@ def calibrate(
             Misfits above it widen every uncertainty.
         frequency: Hz; default each plane's tone.
         choices: as for ``educe``; float64 unless ``dtype`` says otherwise.
-    Raises:
-        ValueError, TypeError: fewer data than parameters, bounds that no liner can have, references that are missing.
-        RuntimeError: the least squares do not converge.
     Source: Gauss-Newton covariance: Seber & Wild, Nonlinear Regression (1989), section 2.1.
     """
     chosen = choices_of_fit(averaging=averaging, **choices)
@@ -79,14 +76,8 @@ def calibrate_without_flow(
     of the liner, or ``EndLossSDoFLiner`` if it predicts reactances better that it was not fitted to: each but that of
     the lowest level is left out in turn (of a single run its own).
 
-    Args:
-        planes, references, choices: as of ``calibrate``, without flow; averaging ``phase-locked`` by default.
-        liner: geometry, and the linear offset where there is one level alone.
-        noise: standard uncertainty, u(R) + j u(X), mostly of the model.
-    Returns:
-        The fit, and by law the rms error of the reactances that were left out.
-    Raises:
-        ValueError, TypeError: a plane with flow; a liner that is no ``SDoFLiner``; as ``calibrate``.
+    Arguments are as of ``calibrate``; averaging ``phase-locked`` by default. Returns the fit, and by law the rms error
+    of the reactances that were left out.
     """
     model, chosen = as_liner(liner), choices_of_fit(**{"averaging": AVERAGING, **choices})
     if not isinstance(model, SDoFLiner):
@@ -146,8 +137,6 @@ def identify(
         fit (of the best law to all runs), rows (as of ``Fit.predict`` by a fit to the other runs; fitted: Z by the fit
         to all), notes, candidates (all laws, the best first: label, fit, rows; error: rms over the runs of ``off``;
         lowest: least resistance over 0 to the largest |v| of the data).
-    Raises:
-        ValueError, TypeError: too few runs, fits none of which is passive; as ``calibrate``.
     Source: Roncen et al. (2026), section 3, inverted; monotone splines by sums of B-splines after Ramsay, Statistical
         Science 3 (1988) 425, the logarithms of whose coefficients are free.
     """
@@ -182,8 +171,7 @@ def identify(
 
 
 def with_flow(liner: LinerModel) -> LinerModel:
-    """An SDoF liner that takes the Mach number of each plane, and with factors unless its own law takes one; any other
-    as it is."""
+    """An SDoF liner takes the Mach number of each plane, and factors unless its own law takes one; others stay."""
     if isinstance(liner, FlowSDoFLiner):
         return liner.replace(mach=None)
     return AdjustedSDoFLiner.of(liner) if isinstance(liner, SDoFLiner) else liner

@@ -19,7 +19,6 @@ from torchliner.velocity.educe import answer, fitting
 from torchliner.velocity.reading import Progress
 
 SAME_PLACE = 1e-6  # m
-FIRST = ("true", "in situ")  # references by which models are sorted, before others
 
 
 def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = None) -> Study:
@@ -34,8 +33,6 @@ def compare(first: ImpedanceMap, second: ImpedanceMap, averaging: str | None = N
         averaging, words (what the intervals are), level (of them; None without any). ``rows``, the whole liner first:
         place (``liner`` or ``cell 0``, ...), x, z (its centre, m), frequency (Hz), first, second, difference (Z), low,
         high (of its statistical interval; None without), differs_in (parts whose interval has no 0: "R", "X", "R, X").
-    Raises:
-        ValueError: other cells, frequencies, averagings or levels of the interval.
     """
     averaging = averaging or first.averaging
     for each in (first, second):
@@ -106,12 +103,9 @@ def compare_models(
         reference_phase: rad, for ``phase="given"``.
         progress, choices: as for ``educe``.
     Returns:
-        sorted_by (``|Z - true|`` or that to another reference; ``|level check|``; or ``as given``), references (Z at
-        the tone, by name). ``rows``, by frequency, then the nearest model first: model, frequency (Hz), impedance, low,
-        high, level_check (dB), distance (|Z - reference| by name; empty away from the tone), model_error (largest error
+        references (Z at the tone, by name). ``rows``, by frequency: model, frequency (Hz), impedance, low, high,
+        level_check (dB), distance (|Z - reference| by name; empty away from the tone), model_error (largest error
         in R of the interpolation over |v|).
-    Raises:
-        ValueError: fewer than two models; as ``educe``.
     """
     facts, chosen = plane_of(plane), Choices(**choices)
     if len(liners) < 2:
@@ -134,8 +128,7 @@ def compare_models(
         notes.insert(0, f"cells are of {1e3 * (pitch or 0):.4g} mm for all models, of which some state others")
     tell(notes)
     tone = facts.frequency or (float(lines[0]) if len(lines) == 1 else 0.0)
-    key = next((name for name in (*FIRST, *facts.reference) if name in facts.reference), "")
-    rows, sizes = list[Row](), dict[str, float]()
+    rows = list[Row]()
     for name, each in maps.items():
         found, check = each.liner[chosen.averaging], each.level_check
         level = None if check is None else check.liner.level[check.averagings.index(chosen.averaging)]
@@ -145,16 +138,13 @@ def compare_models(
             near = facts.reference if abs(row.frequency - tone) < SAME_FREQUENCY * tone else {}
             row["distance"] = {reference: abs(row.impedance - value) for reference, value in near.items()}
             row["level_check"] = None if row.level_check is None or math.isnan(row.level_check) else row.level_check
-        sizes[name] = max(row.distance.get(key, abs(row.level_check or 0.0)) for row in own)
         rows += own
-    referred, checked = any(row.distance for row in rows), rows[0].level_check is not None
     return Study(
         title=facts.title or facts.name,
         averaging=chosen.averaging,
         level=None if rows[0].low is None else chosen.interval,
-        sorted_by=f"|Z - {key}|" if referred else "|level check|" if checked else "as given",
-        references=dict(facts.reference) if referred else {},
-        rows=tuple(sorted(rows, key=lambda row: (row.frequency, sizes[row.model]))),
+        references=dict(facts.reference) if any(row.distance for row in rows) else {},
+        rows=tuple(sorted(rows, key=lambda row: row.frequency)),
         level_check_words=next(iter(maps.values())).level_check_words,
         notes=tuple(notes),
     )

@@ -84,8 +84,7 @@ class Fit:
 
     @property
     def liner(self) -> LinerModel:
-        """That of the first plane with the values found; of a curve a table, linear between 120 speeds up to 1.25 times
-        the largest |v| of the runs."""
+        """That of the first plane with the values found; of a curve a table, up to 1.25 times the fastest run."""
         first, lines = self.runs[0], self.law.frequencies
         if not lines:
             return first.liner.with_numbers(self.numbers)
@@ -168,10 +167,6 @@ class Fit:
             the liner as it was), impedance, standard (u(R) + j u(X), to first order), outside (share of the plane's
             weight at |v| beyond those that the runs saw), true (the reference, or None), misses (by how many standard
             deviations R and X are off it), off (error of the reflection coefficient).
-        Raises:
-            ValueError: a frequency that no run had, for a curve.
-        Warns:
-            DataWarning: more than 10 % of the weight is outside.
         """
         (run,) = read_runs(plane, self.runs[0].liner, frequency, self.choices)
         true, tone = run.plane.reference.get(reference), run.plane.frequency
@@ -188,12 +183,7 @@ class Fit:
 
 
 def fit_law(law: Law, runs: Sequence[Run], choices: Choices, knots: Knots) -> Fit:
-    """Least squares by trust-region reflective steps with the exact Jacobian.
-
-    Raises:
-        ValueError: fewer data than parameters, a prior counting as one datum each.
-        RuntimeError: the least squares do not converge.
-    """
+    """Least squares by trust-region reflective steps with the exact Jacobian."""
     from scipy.optimize import least_squares
 
     data, width, count = 2 * sum(len(run.frequency) for run in runs), law.high - law.low, len(law.names)

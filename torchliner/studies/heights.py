@@ -34,17 +34,13 @@ def study_heights(
 
     Args:
         planes: of one case at different heights, or their ``Moments``.
-        liner, progress, choices: as for ``educe``; no intervals by default.
-        frequency: Hz, one; default the planes' own tone.
-        progress: called with numbers of samples, 2 T per plane.
+        liner, frequency, progress, choices: as for ``educe``; one frequency, no intervals by default.
     Returns:
         ``rows``, the lowest first: height (m); impedance, level_check (dB), by averaging; level_limit (dB); coherence
         (squared, of v with the tone, median over probes); velocity_rms (v', m/s); drift (of grazing sound by eq.
         (A1)). heights (m, by averaging; None where none qualifies), height (that of the averaging of the answer), and
         ``judged``: height, averaging, name (``level check``, or of a limit), value (dB, or a share of 1), limit,
         passed.
-    Raises:
-        ValueError: planes without or of equal height, of different cases or frequencies.
     Source: Roncen et al. (2026), sections 5.5.2 and 7.2 (the trade-off), figures 11, 16 and 17, appendix A.
     """
     model, records = as_liner(liner), {id(plane_of(each)): each for each in planes}

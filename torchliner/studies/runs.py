@@ -130,8 +130,7 @@ def choices_of_fit(**choices: Any) -> Choices:
 
 
 def read_runs(planes: Any, liners: Any, frequency: Any, chosen: Choices) -> list[Run]:
-    """Planes, or their moments, each read once for any liner; one liner of several planes stays one object, which a fit
-    asks once."""
+    """Planes, or their moments, each read once for any liner; one liner of several planes stays one object."""
     several = [planes] if isinstance(planes, Records) else list(planes)
     if not isinstance(liners, list | tuple):
         liners = [as_liner(liners)] * len(several)

@@ -148,8 +148,7 @@ def read_again(
     variants: Sequence[Variant],
     progress: Progress | None = None,
 ) -> list[Variant]:
-    """Variants of other |v|, with their moments, all from one more reading; their ``moments`` are those of the base,
-    which know drive ``rms`` already."""
+    """Variants of other |v|, with their moments from one more reading; those of the base know drive ``rms`` already."""
     groups: dict[Any, list[Variant]] = {}
     for each in (each for each in variants if each.chosen.drive != "rms"):  # by what makes |v|
         groups.setdefault((each.chosen.drive, each.chosen.mean, each.chosen.running_window), []).append(each)
