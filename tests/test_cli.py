@@ -223,7 +223,7 @@ REFUSED = [  # words, and what the one line names
     ("reduce y0.5mm.h5", "required"),
     ("reduce y0.5mm.h5 -o m.h5 --liner polito --cell-pitch 0.01", "only where no liner is given"),
     ("educe moments_0.5.h5 --liner lbm_slit", "0.01244 m"),
-    ("educe moments_0.5.h5 --phase self-consistent", "--phase averaged"),
+    ("educe moments_0.5.h5 --phase self-consistent", "phase='averaged'"),
     ("educe moments_0.5.h5 --start 0.01", "--start"),
     ("replay moments_0.5.h5", "samples, which are gone"),
 ]
