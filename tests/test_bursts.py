@@ -12,14 +12,7 @@ from scipy.signal import lombscargle
 
 import torchliner as tl
 from torchliner.bursts.arrivals import corrected_coherent_part, onto_grid, tone_attenuation
-from torchliner.bursts.stations import (
-    BACKWARDS,
-    OUTLIER,
-    REPEATED,
-    Station,
-    burst_moments,
-    validate_bursts,
-)
+from torchliner.bursts.stations import BACKWARDS, OUTLIER, REPEATED, Station, burst_moments, validate_bursts
 from torchliner.cli.main import main
 from torchliner.io.burst_sources import read_bursts
 from torchliner.names import GRID_METHODS

@@ -132,3 +132,10 @@ def test_impossible_gases_are_refused(make, message):
 def test_a_number_is_asked_for_where_one_is_needed(value):
     with pytest.raises(TypeError, match=r"fluid density is .*number is needed"):
         tl.Fluid(density=value)
+
+
+def test_a_real_impedance_is_refused():
+    """Resistance alone, or |Z|, would give an R that looks right."""
+    for function in (tl.reflection_from_impedance, tl.impedance_from_reflection):
+        with pytest.raises(TypeError, match=r"is torch\.float32; a complex tensor is needed"):
+            function(torch.ones(2))

@@ -86,8 +86,7 @@ def make_plain(record: Any, prefix: str = "", *, tensors: bool = False) -> None:
     may pass. TypeError for a field of another kind.
     """
     prefix = prefix or (f"{record.name}: " if getattr(record, "name", "") else "")
-    made: Any = type(record)
-    for name, kind in type_hints(made).items():
+    for name, kind in type_hints(record.__class__).items():
         read, value = _READERS.get(kind) or _OPTIONAL.get(kind), getattr(record, name, None)
         known = value is not None or kind not in _OPTIONAL
         if read is not None and known and not (tensors and isinstance(value, Tensor)):

@@ -8,6 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from torchliner.checks import require_complex
+
 REFERENCE_PRESSURE = 20e-6  # Pa, rms
 
 
@@ -16,16 +18,20 @@ def reflection_from_impedance(impedance: Tensor) -> Tensor:
 
     Args:
         impedance: z = p/(rho c v), normalised, complex, any shape.
+    Raises:
+        TypeError: if ``impedance`` is real.
     Source: Roncen et al. (2026), eq. (2.9), rearranged so that z = inf gives 1 and not nan.
 
     >>> complex(tl.reflection_from_impedance(torch.tensor(3 + 0j)))
     (0.5+0j)
     """
+    require_complex("impedance", impedance)
     return 1 - 2 / (impedance + 1)
 
 
 def impedance_from_reflection(reflection: Tensor) -> Tensor:
     """Normalised impedance z = (1 + R)/(1 - R), the inverse of eq. (2.9); R = 1 (a rigid wall) gives inf."""
+    require_complex("reflection", reflection)
     under = 1 - reflection
     zero = under == 0  # where the gradient is 0
     return torch.where(zero, torch.inf, (1 + reflection) / torch.where(zero, 1, under))
@@ -33,6 +39,7 @@ def impedance_from_reflection(reflection: Tensor) -> Tensor:
 
 def admittance_from_reflection(reflection: Tensor) -> Tensor:
     """Normalised admittance y = (1 - R)/(1 + R): finite at a rigid wall, where z is not."""
+    require_complex("reflection", reflection)
     return (1 - reflection) / (1 + reflection)
 
 
@@ -41,6 +48,7 @@ reflection_from_admittance = admittance_from_reflection  # which is its own inve
 
 def impedance_from_admittance(admittance: Tensor) -> Tensor:
     """Normalised impedance 1/y; inf, not nan, where y = 0 (a rigid wall)."""
+    require_complex("admittance", admittance)
     zero = admittance == 0  # where the gradient is 0
     return torch.where(zero, torch.inf, torch.ones_like(admittance) / torch.where(zero, 1, admittance))
 

@@ -50,10 +50,7 @@ class Fluid:
             pressure: Pa.
         """
         if not 150.0 <= temperature <= 1500.0:
-            raise ValueError(
-                f"temperature is {temperature:g} K; Sutherland's law holds for 150 to 1500 K "
-                "(give kelvin: 20 C is 293.15)"
-            )
+            raise ValueError(f"temperature is {temperature:g} K; Sutherland's law: 150 to 1500 K (20 C is 293.15)")
         require_positive("pressure", pressure)
         return cls(
             sound_speed=(1.4 * GAS_CONSTANT_AIR * temperature) ** 0.5,

@@ -68,11 +68,7 @@ _HERE = "torchliner.pressure"
 WALL_METHODS = {  # from microphones: where the function of a line stands, what it is, its options
     "kt": (f"{_HERE}.waves:kumaresan_tufts", "Kumaresan-Tufts", ("condition", "margin", "rank", "order")),
     "two-waves": (f"{_HERE}.two_waves:two_wave_fit", "two waves tied by one impedance", ("condition", "margin")),
-    "field": (
-        f"{_HERE}.fit_field:fit_line",
-        "the field of the linearised Euler equations",
-        ("duct", "far_end", "start"),
-    ),
+    "field": (f"{_HERE}.fit_field:fit_line", "field of the linearised Euler equations", ("duct", "far_end", "start")),
 }
 
 # Files. A new format is a file with the function and a row here.

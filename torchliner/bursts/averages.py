@@ -15,11 +15,7 @@ import torch
 from scipy.special import stdtrit
 from torch import Tensor
 
-from torchliner.conversions import (
-    admittance_from_reflection,
-    impedance_from_admittance,
-    impedance_from_reflection,
-)
+from torchliner.conversions import admittance_from_reflection, impedance_from_admittance, impedance_from_reflection
 from torchliner.engine.intervals import (
     FEWEST_BLOCKS,
     FROM_REFLECTION,

@@ -13,15 +13,7 @@ from torchliner.io.own_file import read_attribute
 from torchliner.io.own_writer import FLUID_UNITS
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.points import require_direction
-from torchliner.io.variables import (
-    Field,
-    Source,
-    VariableVelocity,
-    coordinate,
-    read_times,
-    references_of,
-    time_axis,
-)
+from torchliner.io.variables import Field, Source, VariableVelocity, coordinate, read_times, references_of, time_axis
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import variables_of

@@ -16,15 +16,7 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.file_checks import Unwritten, naming, require_memory
-from torchliner.io.hdf5 import (
-    PLAIN,
-    Packing,
-    hold_open,
-    is_there,
-    packing_of,
-    require_stored,
-    text_attribute,
-)
+from torchliner.io.hdf5 import PLAIN, Packing, hold_open, is_there, packing_of, require_stored, text_attribute
 from torchliner.io.plane_format import UNIFORMITY, Stored, clock_of
 from torchliner.units import SI_QUANTITY, require_plausible, si_factor
 

@@ -17,15 +17,7 @@ from torchliner.engine.sums import Job, PlaneRecord, linear, reduce, square
 from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, Interval, PointImpedances, VelocityPlane
 from torchliner.report import figure as look
-from torchliner.report.maps import (
-    case_title,
-    draw_map,
-    family,
-    interval_words,
-    labels_of,
-    mark_cells,
-    over_surface,
-)
+from torchliner.report.maps import case_title, draw_map, family, interval_words, labels_of, mark_cells, over_surface
 from torchliner.report.table import Row
 from torchliner.studies.variants import rows_of
 

@@ -11,15 +11,7 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.level_check import FAILS, INCONCLUSIVE, PASSES
 from torchliner.report import curves
 from torchliner.report.answer import Answer, Grid, Picture, impedance_words
-from torchliner.report.maps import (
-    case_title,
-    draw_map,
-    family,
-    interval_words,
-    labels_of,
-    over_surface,
-    probe_rows,
-)
+from torchliner.report.maps import case_title, draw_map, family, interval_words, labels_of, over_surface, probe_rows
 from torchliner.report.studies import draw_comparison, draw_over_height
 from torchliner.report.table import STATISTICAL, Row, table_of
 from torchliner.studies.compare import compare

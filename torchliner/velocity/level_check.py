@@ -26,11 +26,7 @@ from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
-from torchliner.conversions import (
-    impedance_from_reflection,
-    pressure_amplitude_from_spl,
-    spl_from_pressure_amplitude,
-)
+from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.engine.drives import phase_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife
 from torchliner.engine.moments import Moments
