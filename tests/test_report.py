@@ -79,11 +79,12 @@ def test_every_result_has_a_screen_rows_pictures_and_values(liner, tmp_path):
         assert isinstance(answer.plain, (dict, list))
 
 
-def test_every_result_has_a_short_repr(liner):
-    wall = noisy("upstream")
-    for one in (tl.kumaresan_tufts(wall), wall, points(), studies(liner)["audit"], studies(liner)["compare"]):
+def test_every_result_has_a_short_repr_and_a_table(liner, found):
+    wall, several = noisy("upstream"), studies(liner)
+    for one in (found[0], line(), tl.kumaresan_tufts(wall), wall, points(), several["audit"], several["compare"]):
         assert len(repr(one).splitlines()) < 30
         assert "tensor" not in repr(one)
+        assert one._repr_html_().count("<tr>") > 1
 
 
 def test_the_screen_says_z_interval_check_and_step(found):

@@ -84,6 +84,10 @@ class Reported:
         ValueError for another ending."""
         resolve(self.PAGE)(self, path)
 
+    def _repr_html_(self) -> str:
+        """For notebooks: the answer and a table."""
+        return str(resolve("torchliner.report.answer:answer_of")(self).html())
+
 
 class Result(Written, Reported):
     """A result, which leaves as labelled arrays and as rows too: ``PLACES`` are what a row stands for, by name, with

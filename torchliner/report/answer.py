@@ -121,7 +121,7 @@ class Answer:
 
     def html(self) -> str:
         """For notebooks: title, answer and rows."""
-        shown, rows = self.table.shown, self.on_screen.rows[:MOST_ROWS]
+        shown, rows = self.table.shown, (self.on_screen.rows or self.table.rows)[:MOST_ROWS]
         table = [[column.heading for column in shown], *([column.cell(row) for column in shown] for row in rows)]
         cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in table)
         lines = "".join(f"<p>{escape(line)}</p>" for line in self.lines)
