@@ -105,22 +105,23 @@ def _microphones(line: MicrophoneLine) -> list[Row]:
 
 
 def of_line(line: MicrophoneLine) -> Answer:
-    """Of a solved duct, from its line of microphones: what it takes from sound, and whether the mesh is fine enough; a
-    ValueError for microphones that were measured, which are no result."""
+    """What microphones say, and of a solved duct what it takes from sound, and whether the mesh is fine enough."""
     solved, modes = (line.provenance.get(key) for key in ("solved", "plane_mode"))
+    at = torch.linspace(0, len(line.frequency) - 1, min(len(line.frequency), MOST_DRAWN)).round().int().tolist()
+    microphones = table_of(_microphones(line), "frequency,x,spl,phase")
+    words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
+    waves = [(f"{float(line.frequency[f]):g} Hz", None, line.x, line.pressure[:, f]) for f in dict.fromkeys(at)]
+    liner = ((solved or {}).get("duct") or {}).get("liner") or []
+    draw = partial(fields.draw_pressures, waves, title=line.title or line.name, liner=liner)
+    pictures = [Picture("along_wall", words, draw, lambda: microphones.rows)]
     if not solved or not modes:
-        raise ValueError(f"{line.name} holds microphones, no result: report what torchliner kt FILE -o writes")
-    at = torch.linspace(0, len(modes) - 1, min(len(modes), MOST_DRAWN)).round().int().tolist()
+        title = f"Microphones: {line.title or line.name}"
+        return Answer(title, (), microphones, caption=words, notes=line.notes, pictures=pictures)
     row = max(modes, key=lambda each: each.get(MESH) or 0.0)
     moved = row.get(MESH)
     check = "no second mesh was solved" if moved is None else f"a finer mesh moves it by {moved:.2g} dB"
     sentence = f"At {row['frequency (Hz)']:g} Hz the duct takes {row['transmission loss (dB)']:.2f} dB from the plane "
     sentence += f"wave of a source {line.source_side}; {check} (limit {SETTLED:g} dB)."
-    microphones = table_of(_microphones(line), "frequency,x,spl,phase")
-    words = "Sound pressure along the wall of the microphones, phase of exp(+jωt); grey: liner."
-    waves = [(f"{float(line.frequency[f]):g} Hz", None, line.x, line.pressure[:, f]) for f in dict.fromkeys(at)]
-    liner = (solved.get("duct") or {}).get("liner") or []
-    draw = partial(fields.draw_pressures, waves, title=line.title or line.name, liner=liner)
     return Answer(
         title=f"Solved duct: {line.title}",
         lines=[sentence],
@@ -128,7 +129,7 @@ def of_line(line: MicrophoneLine) -> Answer:
         caption="The plane-like mode sent back and let through, and its energy, in shares of that coming in.",
         grids=[Grid("microphones", "At the microphones.", microphones)],
         notes=line.notes,
-        pictures=[Picture("along_wall", words, draw, lambda: microphones.rows)],
+        pictures=pictures,
         results=[SimpleNamespace(choices={key: v for key, v in line.provenance.items() if key != "plane_mode"})],
         more={"duct": solved},
     )
