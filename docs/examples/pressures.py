@@ -7,7 +7,7 @@ record: tl.PressureRecord = tl.read_pressure("data/pressure_n130.h5")
 found: tl.PointImpedances = tl.in_situ(record)
 print(found.liner["pressure-first"].impedance, tl.decompose_waves(record).impedance)
 found.write("points.h5")
-print(tl.read_points("points.h5").at)
+print(tl.read_points("points.h5").frequency)
 
 setup = tl.load_duct("b2a")
 solver = tl.DuctSolver(setup.case, setup.frequency)

@@ -111,7 +111,8 @@ def read_moments(path: str | Path) -> Moments:
         blocks = Blocks(**said["blocks"] | {"borders": borders})
         nodes: Nodes | None = None
         if plain := said["nodes"]:
-            nodes = Chebyshev(**plain) if "centre" in plain else Levels(tuple(plain["kinks"]), plain["parts"])
+            of_table = plain.pop("kind") == "levels"
+            nodes = Levels(tuple(plain["kinks"]), plain["parts"]) if of_table else Chebyshev(**plain)
         settings, pitch = said["settings"], said["settings"].pop("cell_pitch")
         locks = settings["averaging"] == "phase-locked"
         sums = [SUMS[name] for name in (SQUARES, *([*AVERAGINGS][: 2 + locks] if nodes else []))]
