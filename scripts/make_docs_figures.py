@@ -5,6 +5,8 @@ python scripts/make_docs_figures.py
 
 import warnings
 
+from matplotlib.patches import Circle
+
 import b2a_line
 import figure_13
 import figure_14
@@ -34,7 +36,10 @@ def main() -> None:
     beside = tl.in_situ(tl.read_pressure(DATA / "pressure_g03_145.h5"))
     both = [found.with_alongside(beside) for found in maps_of("slit_g03_145")]
     draw_along_x(both, FIGURES / "slit_g03_145_in_situ.png")
-    draw_map(maps_of("orifice_o145")[1], FIGURES / "orifice_o145_map.png")
+    figure = draw_map(maps_of("orifice_o145")[1])
+    for axis in figure.axes[:2]:
+        axis.add_patch(Circle((2.214, 2.214), 0.6, fill=False, color="tab:orange"))  # the hole, mm
+    figure.savefig(FIGURES / "orifice_o145_map.png")
     n130, o145 = (
         [str(DATA / f"{case}_y{height}mm.h5") for height in heights]
         for case, heights in (("slit_n130", ("2.5", "1.0")), ("orifice_o145", ("2.5", "1.0", "0.5")))

@@ -41,7 +41,7 @@ def draw_map(
     """Both parts over (x, z); colours end at 1 and 99 % of the probes."""
     (x, z), shape = places_of(result), result.mean_velocity.shape
     unit = "index" if result.x is None else "mm"
-    figure, axes = look.panels_of(2, min(5.4, 1.7 + 2.4 * (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)), given)
+    figure, axes = look.panels_of(2, min(5.4, 1.3 + 2.05 * (np.ptp(z) + 1e-9) / (np.ptp(x) + 1e-9)), given)
     for axis, (part, label) in zip(axes, look.PARTS, strict=False):
         values = look.part_of(result.impedance[..., frequency_index], part)
         low, high = np.nanpercentile(values, ENDS)
