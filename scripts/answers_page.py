@@ -30,6 +30,7 @@ from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.studies.variants import Row
 from torchliner.velocity.averages import average
 from torchliner.velocity.choices import Choices
+from torchliner.velocity.jets import SCATTER, STRONG, WEAK, likely_share
 from torchliner.velocity.reading import reading_of, take_moments
 
 Rows = Sequence[dict[str, Any]]
@@ -42,8 +43,6 @@ CASES = ("n115", "n130", "n145", *SLITS, "o115", "o130", "o145", "t00_130", *FLO
 HEIGHTS = (0.5e-3, 1.0e-3)
 COLUMNS = ("preset", "calibrated", "background", "matched")
 NEAR_R, NEAR_X, PASSES = 0.15, 0.1, 0.3  # dB
-WEAK, STRONG = 0.062, 0.26  # velocity ratios between which the share falls from 1 to a half
-HALF, SCATTER = 0.5, 0.18  # share of the incoherent velocity that acts beyond; s.d. of the cases about the curve
 NEAR = 0.02  # relative, of the curve's constants, which have two digits
 
 
@@ -174,16 +173,6 @@ def share_rows() -> list[dict[str, Any]]:
         dimensions = 2 if case in SLITS else 3
         rows.append({"case": case, "dimensions": dimensions, "velocity_ratio": ratio, "share": needed / own})
     return sorted(rows, key=lambda row: row["velocity_ratio"])
-
-
-def likely_share(ratio: float, weak: float = WEAK, strong: float = STRONG) -> float:
-    """Share of the incoherent velocity that acts, by the velocity ratio: 1 up to ``weak``, a half from ``strong``,
-    linear in the logarithm of the ratio between.
-
-    Fitted to five cases of an orifice in turbulence at half a millimetre, of which two lie between 1 and a half.
-    """
-    fallen = math.log(max(ratio, weak) / weak) / math.log(strong / weak)
-    return 1 - (1 - HALF) * min(fallen, 1.0)
 
 
 def share_table(rows: Rows) -> str:

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.engine.blocks import Blocks
-from torchliner.engine.drives import incoherent_square, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Levels, interpolation_error
@@ -19,6 +18,7 @@ from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.educed import Educed
 from torchliner.records.notes import Note, plane_notes
+from torchliner.velocity import jets
 from torchliner.velocity.averages import Averages, survey_of_columns
 from torchliner.velocity.choices import Choices
 
@@ -29,7 +29,6 @@ LARGEST_MODEL_ERROR, DOUBTFUL_MODEL_ERROR = 1e-3, 1e-5  # in R, of the model tab
 NEAR = (0.45, 0.55)  # hole diameters that count as half of one, the height at which a quiet run's rms acts
 CHANCE = 0.01  # of records without a tone, of which the test finds one
 NO_TONE = "no-tone"  # code of the note with which phase-locked averaging gives way to ``admittance``
-JETS = 0.1  # velocity ratio, above which jets pass the plane as turbulence (docs/background.md)
 TONAL = 0.1  # share of the variance of v in step with the tone, above which Z elsewhere is not that of a tone alone
 
 
@@ -170,26 +169,28 @@ def review_sound(
         peak = float(cells.mean(seen.tone(frequency[place])[0, :, 0]).abs().mean())
         ratio = peak / (porosity * plane.mach * float(plane.fluid.sound_speed))
         facts["velocity_ratio"] = ratio if math.isfinite(ratio) else None
-        if ratio > JETS and locked and known.settings["background"] is None:
+    if not locked or plane.frequency is None or not seen.harmonics:
+        return notes, facts
+    ratio = facts["velocity_ratio"]
+    if ratio is not None and ratio > jets.LIMIT and known.settings["background"] is None:
+        by, most = jets.excess_resistance(known, liner, frequency[place], ratio)
+        text = (
+            f"{name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {jets.LIMIT:g}): v holds vortices of the jets "
+            f"that the sound makes. In resolved cases about {jets.likely_share(ratio):.2g} +- {jets.SCATTER:g} of the "
+            f"incoherent velocity acts at this ratio, so that R is probably too high by about {by:.2g} (up to "
+            f"{most:.2g}); nothing is taken off: give a run without sound (--background)"
+        )
+        notes.append(Note("velocity-ratio", text, by))
+    other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
+    if bool(other.any()) and known.settings["drive"] == "instantaneous":
+        _, periodic, rest = jets.parts_of_drive(known)
+        share = facts["tone_share"] = periodic / max(periodic + rest, 1e-300)
+        if share > TONAL:
             text = (
-                f"{name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {JETS:g}): v holds vortices of the jets "
-                "that the sound makes, so that R is probably too high: give a run without sound (--background)"
+                f"{100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz: at "
+                f"{float(frequency[other][0]):g} Hz Z is that of a weak second tone beside it, not of one alone"
             )
-            notes.append(Note("velocity-ratio", text))
-    if locked and plane.frequency is not None and seen.harmonics:
-        other = (frequency / plane.frequency - 1).abs() >= SAME_FREQUENCY
-        if bool(other.any()) and known.settings["drive"] == "instantaneous" and known.locked is not None:
-            scale, inside = known.locked.scale, cells.labels < cells.count
-            rest = incoherent_square(seen, cells) * (1.0 if scale is None else scale**2)
-            star = survey_of_locked(known.locked, seen).rms.square()
-            share = 1 - float((rest * inside).sum() / (star * inside).sum().clamp(min=1e-300))
-            facts["tone_share"] = share  # mean over the cells
-            if share > TONAL:
-                text = (
-                    f"{100 * share:.3g} % of the variance of v is in step with the tone of {plane.frequency:g} Hz: at "
-                    f"{float(frequency[other][0]):g} Hz Z is that of a weak second tone beside it, not of one alone"
-                )
-                notes.append(Note("other-tone", f"{name}: {text}"))
+            notes.append(Note("other-tone", f"{name}: {text}"))
     return notes, facts
 
 
