@@ -97,7 +97,7 @@ def test_a_liner_is_read_refused_written_educed_and_differentiated(plate):
 def test_a_format_is_read(added, tmp_path):
     velocity = np.random.default_rng(0).normal(size=(50, 3))
     np.savez(tmp_path / "v.data.npz", v=velocity, x=[0.001, 0.002, 0.004], rate=1e4)
-    with pytest.raises(ValueError, match="has no units"):
+    with pytest.raises(ValueError, match="states no unit of velocity"):
         tl.read_plane(tmp_path / "v.data.npz")
     plane = tl.read_plane(tmp_path / "v.data.npz", velocity_units="cm/s")
     assert torch.allclose(plane.velocity, torch.from_numpy(velocity.T) / 100, rtol=1e-12)

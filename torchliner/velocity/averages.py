@@ -89,13 +89,13 @@ def average(
     """R of probes, cells and liner under one averaging, on the device of the moments; nothing is read back."""
     plane, seen, cells, lengths = known.plane, known.survey, known.membership, known.survey.lengths
     device, liner, locked, wall, phase = lengths.device, liner.in_flow(plane.mach), known.locked, None, None
-    consistent, of_cells = chosen.phase == "self-consistent", averaging == "velocity"
+    heard, of_cells = chosen.phase not in ("averaged", "given"), averaging == "velocity"  # from the tone in v
     if chosen.wall_filter is not None:
         wall = (seen.coherence(frequency) < chosen.wall_filter) & cells.used[:, None]
     held = torch.ones(cells.count if of_cells else plane.probes, len(frequency), dtype=torch.bool, device=device)
-    if chosen.drive == "rms" or consistent:
+    if chosen.drive == "rms" or heard:
         seen = survey_of_columns(known, averaging)
-    if consistent:
+    if heard:
         held = seen.coherence(frequency) >= chosen.minimum_coherence
     if chosen.phase == "given" or reference_phase is not None:
         phase = phase_of(plane, chosen, reference_phase, len(frequency)).to(device)
@@ -132,7 +132,7 @@ def average(
                 for first in (1, 1 + len(known.turns))
             )
             b = (cosine - 1j * sine).transpose(1, 2) - own_waves * a
-        tone = -seen.tone(frequency, every=bars, columns=part) / 2 if consistent else None
+        tone = -seen.tone(frequency, every=bars, columns=part) / 2 if heard else None
         own = None if phase is None else phase[part]
         found = PHASE_RULES[chosen.phase](a, b, velocity=tone, held=held[part], phase=own)
         if averaging == "phase-locked" and locked is not None and locked.scale is not None:
