@@ -66,10 +66,9 @@ class Study(Row):
     def _shown(self, outlet: str) -> str | None:
         """As the report shows it; None of a kind of study that it does not know."""
         try:
-            found: str = getattr(resolve("torchliner.report.answer:answer_of")(self), outlet)()
+            return str(getattr(resolve("torchliner.report.answer:answer_of")(self), outlet)())
         except TypeError:
             return None
-        return found
 
     def of(self, **labels: Any) -> list[Row]:
         """The rows that have these values, e.g. ``found.of(factor="height")``."""
