@@ -125,13 +125,13 @@ def plain_array(value: Any, name: str, *, missing: bool = False) -> np.ndarray:
     return value.astype(value.dtype if value.dtype.kind == "f" else np.float64).filled(np.nan)
 
 
-def real_tensor(value: Any, dtype: torch.dtype = torch.float64, name: str = "the array") -> Tensor:
-    """A float, list, array or tensor as a real tensor of ``dtype``; gradients are kept, arrays copied; TypeError for
+def real_tensor(value: Any, name: str = "the array") -> Tensor:
+    """A float, list, array or tensor as a real tensor of float64; gradients are kept, arrays copied; TypeError for
     complex numbers, truth values, text, None."""
     found = value if isinstance(value, Tensor) else plain_array(value, name)
     if found.is_complex() if isinstance(found, Tensor) else found.dtype.kind not in "fiu":
         raise TypeError(f"{name}: a real number is needed, not {found.dtype}")
-    return found.to(dtype) if isinstance(found, Tensor) else torch.as_tensor(found.astype(np.float64)).to(dtype)
+    return found.double() if isinstance(found, Tensor) else torch.as_tensor(found.astype(np.float64))
 
 
 def frequency_tensor(frequency: Any, sampling_rate: float | None = None, *, record: Any = None) -> Tensor:

@@ -73,7 +73,6 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 
 # Files. A new format is a file with the function and a row here.
 ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an array is named
-NORMALS = ("x", "y", "z", "-x", "-y", "-z")  # to the wall, away from the liner
 RESULT_WRITERS = {  # beside .h5: functions of a result and a path
     ".csv": "torchliner.io.csv_rows:write_result_csv",
     ".vtp": "torchliner.io.result_writers:write_vtk",

@@ -16,15 +16,15 @@ from torchliner.io.moments_file import holds_moments
 from torchliner.io.whole_file import printable, written_whole
 from torchliner.records import VelocityPlane
 from torchliner.records.velocity_plane import restated
-from torchliner.report.answer import Answer, Picture, answer_of
+from torchliner.report.answer import Answer, answer_of
 from torchliner.report.table import flat_words
 
 Record = VelocityPlane | Moments
 
 
-def read_planes(paths: Sequence[Path], options: argparse.Namespace, *, lazy: bool = True) -> list[VelocityPlane]:
-    """The planes, by default with their velocity still in the file, as the options say."""
-    return [tl.read_plane(path, lazy=lazy, **options.reading) for path in paths]
+def read_planes(paths: Sequence[Path], options: argparse.Namespace) -> list[VelocityPlane]:
+    """The planes, with their velocity still in the file, as the options say."""
+    return [tl.read_plane(path, lazy=True, **options.reading) for path in paths]
 
 
 def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Record]:
@@ -121,9 +121,9 @@ def show(options: argparse.Namespace, found: Any, write: Callable[[Path], Any] |
         print(printable(answer.screen(options.verbose, warnings=False)), flush=True)
 
 
-def told(title: str, plain: Any, *lines: str, pictures: Sequence[Picture] = ()) -> Answer:
+def told(title: str, plain: Any, *lines: str) -> Answer:
     """An answer without a table."""
-    return Answer(title, lines, more=plain, pictures=pictures)
+    return Answer(title, lines, more=plain)
 
 
 def facts_text(facts: dict[str, Any]) -> str:

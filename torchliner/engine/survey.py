@@ -144,6 +144,11 @@ class Survey:
         return 2 * (means(of_v) - means(self.sums[:, 0, columns])[..., None] * means(of_one)[:, None])
 
 
+def coherence_by_chance(blocks: float, chance: float) -> float:
+    """Squared coherence c that noise exceeds in this share of records of S independent blocks: (1 - c)^(S - 1)."""
+    return 1 - chance ** (1 / (blocks - 1))
+
+
 def survey_sums(weights: Tensor, columns: Tensor) -> Tensor:
     """Measure: sums of w v, then of w v^2 with the first row's w, then the largest |v|: (G, R + 2, 1, N)."""
     squares = weights[:, :1] @ columns.square()

@@ -62,14 +62,14 @@ def _rows_of(data: Any, record: Result, of: str) -> Rows:
     return [dict(zip(order, row, strict=True)) for row in zip(*(columns[key] for key in order), strict=True)]
 
 
-def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "", end: str = "\r\n") -> None:
+def write_rows(rows: Sequence[Mapping[str, Any]], path: str | Path, number: str = "") -> None:
     """A CSV file with the headings of all rows, at least one, whole or not at all; ``number``: format, as ".9g",
-    default as many digits as they have; ``end``: of lines."""
+    default as many digits as they have."""
     with written_whole(path, ".csv") as temporary, temporary.open("w", newline="") as file:
-        fill_csv(file, rows, number, end)
+        fill_csv(file, rows, number)
 
 
-def fill_csv(file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "", end: str = "\r\n") -> None:
+def fill_csv(file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "") -> None:
     """Into what is open, in memory too; arguments as for ``write_rows``."""
 
     def cell(value: Any) -> Any:
@@ -77,7 +77,7 @@ def fill_csv(file: TextIO, rows: Sequence[Mapping[str, Any]], number: str = "", 
             return printable(value)
         return value if value is None or not number else f"{value:{number}}"
 
-    writer = csv.writer(file, lineterminator=end)
+    writer = csv.writer(file)
     headings = dict.fromkeys(key for row in rows for key in row)
     writer.writerow(map(cell, headings))
     writer.writerows([cell(row.get(key)) for key in headings] for row in rows)

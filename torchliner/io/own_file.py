@@ -258,9 +258,9 @@ _adapter = functools.cache(TypeAdapter)
 # Axes of files that others may have written
 
 
-def read_clock(group: h5py.Group, path: str | Path, key: str = "time") -> tuple[float, int, float]:
+def read_clock(group: h5py.Group, path: str | Path) -> tuple[float, int, float]:
     """Sampling rate (Hz), number of samples, and time of the first, s; as ``read_times``."""
-    return read_times(get_field(group, key, path))[:3]
+    return read_times(get_field(group, "time", path))[:3]
 
 
 def read_coordinate(file: h5py.Group, key: str, shape: tuple[int, ...], path: str | Path) -> Any:

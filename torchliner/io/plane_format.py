@@ -28,7 +28,7 @@ class PlaneRequest:
     Args:
         variable: name of the velocity in the file, or of the vector it is a component of; default
             wall_normal_velocity, of vectors U or velocity.
-        group: HDF5 group, netCDF group or block; default all.
+        group: block, surface or series, of files of VTK, OpenFOAM and PowerFLOW; default the only one.
         axes: of an array in order: time,z,x or probe,time ...; y where it runs across the duct.
         velocity_units: m/s, mm/s ..., where the file has none.
         length_units: of coordinates: m, mm ..., where the file has none.

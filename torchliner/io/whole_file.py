@@ -45,12 +45,11 @@ def identity(path: str | Path) -> Any:
     return found.st_dev, found.st_ino
 
 
-def require_ending(path: str | Path, endings: Sequence[str], option: str = "") -> None:
+def require_ending(path: str | Path, endings: Sequence[str]) -> None:
     """Refuse a file name whose ending says something else than what is written, by a ValueError."""
     suffix = Path(path).suffix
     if suffix.lower() not in endings:
-        what = f"{option} {path}".strip()
-        raise ValueError(f"{what} ends in {suffix or 'nothing'!r}; it must be one of {', '.join(endings)}")
+        raise ValueError(f"{path} ends in {suffix or 'nothing'!r}; it must be one of {', '.join(endings)}")
 
 
 def writable(path: str | Path, *endings: str) -> Path:

@@ -103,12 +103,12 @@ def _arguments(made: type, table: Mapping[str, Any], place: str, about: tuple[st
     return {key: value for key, value in table.items() if key == "name" or key not in about}
 
 
-def liner_text(liner: LinerModel, source: str, description: str = "") -> str:
+def liner_text(liner: LinerModel, source: str) -> str:
     """TOML text that ``load_liner`` reads back as ``liner``; ``source`` says where the numbers come from."""
     facts = liner.describe()
     tables = [("[[layers]]", layer) for layer in facts.pop("layers", [])]
     tables += [("[fluid]", facts.pop("fluid"))] if facts.get("fluid") else []
-    about = {"model": facts.pop("model"), "name": facts.pop("name"), "description": description, "source": source}
+    about = {"model": facts.pop("model"), "name": facts.pop("name"), "description": "", "source": source}
     # A JSON string, number or list of these is a TOML one.
     lines = ["# SI units; lengths in m, impedances normalised by rho c."]
     for heading, table in (("", about | facts), *tables):

@@ -18,9 +18,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.interpolate import AAA
-from scipy.optimize import least_squares, minimize
-from scipy.signal import lfilter
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, one_number, real_tensor, whole_number
@@ -85,6 +82,8 @@ class Multipole:
 
     def reflect(self, signal: Any, sampling_rate: float) -> Tensor:
         """The reflected signal, real, (..., T), of an incident one, by ``recursion`` at a rate in Hz, from rest."""
+        from scipy.signal import lfilter  # takes half a second to import
+
         sent = real_tensor(signal, name="signal").numpy()
         found = sent.astype(np.complex128)
         rows = torch.stack([self.residues, *self.recursion(sampling_rate).values()], 1)
@@ -154,6 +153,9 @@ def _multiples(basis: Array, wanted: Array) -> Array:
 def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
     """w, (N - N // 2,), and d, (N // 2,), of the least error in R and the least |R| above 1; from the poles of the AAA
     algorithm, with others where it finds too few, and from poles spread evenly."""
+    from scipy.interpolate import AAA  # takes a quarter of a second to import
+    from scipy.optimize import least_squares
+
     pairs, size, outside = count // 2, count - count // 2, _grid(abs(s[-1]), 300, np.zeros(0))
     low = np.log([abs(s[0]) / BEYOND] * size + [DAMPING[0]] * pairs)
     high = np.log([abs(s[-1]) * BEYOND] * size + [DAMPING[1]] * pairs)
@@ -182,6 +184,8 @@ def _fitted(s: Array, wanted: Array, count: int) -> tuple[Array, Array]:
 
 def _passive(x: Array, basis: Array, wanted: Array, factors: tuple[Array, Array], top: float) -> Array:
     """The real multiples of least error with |R| < 1: a convex problem, with one bound for each peak of |R|."""
+    from scipy.optimize import minimize
+
     grid = _grid(top, 30_000, _poles_and_residues(x, *factors)[0])
     dense, weight = _basis(grid, *factors), 1 + np.abs(grid / top) ** 2  # |R| tends to 1 as its inverse
     held = np.zeros(len(grid), dtype=bool)

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from torchliner.checks import tell
 from torchliner.engine.blocks import waves
+from torchliner.engine.survey import coherence_by_chance
 
 BLOCK = 1 << 14  # samples at once, so that a long record needs no matrix of its length
 ELEMENTS = 1 << 22  # values of many signals at once, 32 MB
@@ -207,8 +208,7 @@ def reject_flow_noise(
     independent = found.segments / (1 + 2 * rho * (found.segments - 1) / found.segments)
     coherence = found.coherence.clamp(max=1)
     error = ((1 - coherence) / (2 * (independent - 1) * coherence)).sqrt()
-    # Noise alone exceeds a coherence g with probability (1 - g)^(n - 1).
-    limit, notes = 1 - CHANCE ** (1 / (independent - 1)), []
+    limit, notes = coherence_by_chance(independent, CHANCE), []
     if bool((coherence < limit).any()):
         worst = coherence.reshape(-1, len(frequency)).amin(0)
         notes = [

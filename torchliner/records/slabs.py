@@ -24,9 +24,9 @@ class Reader(Protocol):
         ...
 
 
-def bounds_of(samples: int, rows: int, begin: int = 0) -> list[tuple[int, int]]:
-    """(begin, end) of the slabs of ``rows`` samples that cover begin .. samples - 1."""
-    return [(low, min(low + rows, samples)) for low in range(begin, samples, rows)]
+def bounds_of(samples: int, rows: int) -> list[tuple[int, int]]:
+    """(begin, end) of the slabs of ``rows`` samples that cover the samples."""
+    return [(low, min(low + rows, samples)) for low in range(0, samples, rows)]
 
 
 def slab_bounds(samples: int, probes: int) -> list[tuple[int, int]]:

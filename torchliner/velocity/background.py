@@ -16,7 +16,7 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive, incoherent_square
 from torchliner.engine.moments import Moments
 from torchliner.engine.sums import Job, PlaneRecord, reduce
-from torchliner.engine.survey import Membership, Survey, lines_of, survey_of, survey_sums
+from torchliner.engine.survey import Membership, Survey, coherence_by_chance, lines_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
@@ -103,7 +103,7 @@ def _measured(quiet: Any, plane: VelocityPlane, pitch: float | None, *, same_hei
     members = Membership.of(cells, torch.ones(about.probes, dtype=torch.bool), seen.sums.device)
     if tone is not None and count > 2:
         found = float(seen.coherence(torch.tensor([tone], dtype=torch.float64), members).nan_to_num(0).max())
-        limit = 1 - FALSE_ALARM ** (1 / (count - 1))  # noise exceeds c in (1 - c)^(S - 1) of records
+        limit = coherence_by_chance(count, FALSE_ALARM)
         if found > limit:
             raise ValueError(
                 f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}; noise exceeds "

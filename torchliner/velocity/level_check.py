@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from scipy.optimize import brentq
 from torch import Tensor
 
 from torchliner.checks import SAME_FREQUENCY
@@ -215,6 +214,8 @@ def match_level(
     ``reading`` is of a plane that still has its samples: each share that is tried reads them again; ``known`` is what
     it gave, ``liner``, ``pressure`` and ``reference_phase`` as of ``educe``.
     """
+    from scipy.optimize import brentq  # takes a quarter of a second to import
+
     chosen, frequency, name = reading.chosen, reading.frequency, known.plane.name
     if known.locked is None:
         raise ValueError("level_matched scales what phase-locked averaging leaves; choose averaging='phase-locked'")

@@ -12,6 +12,7 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import Levels, interpolation_error
+from torchliner.engine.survey import coherence_by_chance
 from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
 from torchliner.names import AVERAGINGS
@@ -151,7 +152,7 @@ def review_sound(
         notes.append(Note("background-height", text))
     tested = frequency if plane.frequency is None else torch.tensor([plane.frequency], dtype=torch.float64)
     coherence = float(seen.coherence(tested, cells).nan_to_num(1).max()) if count > 2 else 1.0
-    limit = 1 - CHANCE ** (1 / (max(count, 3) - 1))  # noise exceeds c in (1 - c)^(S - 1) of records
+    limit = coherence_by_chance(max(count, 3), CHANCE)
     if coherence <= limit:
         text = (
             f"{name}: v holds no tone of {float(tested[0]):g} Hz that can be told from noise: its squared coherence "
