@@ -127,6 +127,7 @@ JSON = {  # words, and the same in Python: of the plane at 2.5 mm and of its lin
     ),
     "educe y2.5mm.h5 --stop 0.01": lambda p, n: tl.educe(tl.read_plane("y2.5mm.h5", stop=0.01), n).answer,
     "audit y2.5mm.h5": lambda p, n: tl.audit(p, n).rows[0].impedance,
+    "audit y2.5mm.h5 --background 3": lambda p, n: tl.audit(p, n, background=3.0).rows[0].impedance,
     "height y0.5mm.h5 y2.5mm.h5": lambda p, n: [
         row.impedance["velocity"] for row in study_heights([tl.read_plane("y0.5mm.h5"), p], n).rows
     ],

@@ -226,7 +226,7 @@ sys.exit(main(["info", "plane.h5"]))
 """
 
 
-@pytest.mark.parametrize("name", ["torchliner.cli.gate", "torchliner.cli.campaign", "torch", "h5py"])
+@pytest.mark.parametrize("name", ["torchliner.cli.campaign", "torch", "h5py"])
 def test_an_interrupt_while_modules_are_imported(folder, name):
     code = IMPATIENT.format(name=name)
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

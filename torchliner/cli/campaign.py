@@ -102,8 +102,6 @@ def info(options: argparse.Namespace) -> int:
 def convert(options: argparse.Namespace) -> None:
     """Write a plane file from files of any format."""
     (plane,) = work.read_planes([options.plane], options)
-    if "incident_level" in options.facts:  # of the plane as written
-        plane = replace(plane, incident_level=None)
     plane = replace(plane, **options.facts, provenance={**plane.provenance, "file": options.plane.name})
     tell([note.text for note in plane_notes(plane, plane.frequency)])
     size = plane.velocity.dtype.itemsize * plane.probes * plane.samples
@@ -124,10 +122,9 @@ def reduce(options: argparse.Namespace) -> None:
     pitch = options.cell_pitch
     if pitch is None and liner is None and known is not None:
         pitch = known.cell_pitch
-    if "background" in options.chosen:
-        options.chosen["background"] = work.background_of(options.chosen["background"])
+    chosen = work.choices_of(options)
     with work.progress_bar(work.samples_of(planes), options) as step:
-        found = tl.moments(plane, liner, options.frequency, cell_pitch=pitch, progress=step, **options.chosen)
+        found = tl.moments(plane, liner, options.frequency, cell_pitch=pitch, progress=step, **chosen)
     facts: dict[str, Any] = {"output": str(options.output)} | inspect_moments(found).facts
     if known is not None:
         facts["error in R"] = found.error(known, liner and (options.frequency or plane.frequency))

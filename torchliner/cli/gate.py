@@ -11,7 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from torchliner.cli.options import Kind, Option
+from torchliner.cli.kinds import Kind
+from torchliner.cli.options import Option
 from torchliner.io.whole_file import HDF5, identity, inputs_kept, require_ending, writable, writable_folder
 from torchliner.names import did_you_mean
 

@@ -1,24 +1,20 @@
 """``torchliner``: parse, call, print. Heavy imports wait inside the commands."""
 
+import io
+import signal
 import sys
+import threading
+import traceback
+import warnings
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
-try:
-    import io
-    import signal
-    import threading
-    import traceback
-    import warnings
-    from argparse import Namespace
-    from collections.abc import Iterator, Sequence
-    from contextlib import contextmanager
-
-    from torchliner.cli.gate import passed
-    from torchliner.cli.options import BAD_INPUT, Parser
-    from torchliner.cli.table import COMMANDS, GROUPS
-    from torchliner.io.whole_file import printable
-    from torchliner.names import __version__, did_you_mean, resolve
-except KeyboardInterrupt:  # in the first tenths of a second
-    sys.exit(130)
+from torchliner.cli.gate import passed
+from torchliner.cli.options import BAD_INPUT, Parser
+from torchliner.cli.table import COMMANDS, GROUPS
+from torchliner.io.whole_file import printable
+from torchliner.names import __version__, did_you_mean, resolve
 
 ABOUT = "Acoustic liner impedance from velocity measured just above the liner."
 MORE = "torchliner COMMAND --help: its options; torchliner --version: the version."

@@ -6,92 +6,27 @@ imported, so that ``--help`` needs no torch.
 
 import argparse
 import ast
-import cmath
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 from torchliner import names
+from torchliner.cli.kinds import COMPLEX, COUNT, FREQUENCIES, LEVEL, NUMBER, TEXT, Kind
 from torchliner.io.whole_file import PICTURES
-from torchliner.names import did_you_mean, frequencies
+from torchliner.names import did_you_mean
 
 PACKAGE = Path(__file__).resolve().parents[1]
 CHOICES = "velocity.choices:Choices"
 BAD_INPUT = 2
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What a value is: its name in the help, how a word is read, and of a file what the command does with it."""
-
-    metavar: str
-    read: Callable[[str], Any] = str
-    part: str = ""  # "read"; "named": a file or another name; "written"; "drawn": a picture or a folder; "folder"
-    endings: tuple[str, ...] = ()  # that an output may have
-
-    def __call__(self, text: str) -> Any:
-        """The value, for argparse."""
-        try:
-            return self.read(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} cannot be read as {self.metavar}") from None
-
-
-def finite(text: str) -> complex:
-    """R+Xj; of a real number a complex one."""
-    if not cmath.isfinite(value := complex(text.replace(" ", ""))):
-        raise ValueError(text)
-    return value
-
-
-def number(text: str) -> float:
-    """A finite one."""
-    finite(text)
-    return float(text)
-
-
-def bounds(text: str) -> dict[str, tuple[float, ...]]:
-    """Low and high by name; () of a name alone."""
-    found: dict[str, tuple[float, ...]] = {}
-    for each in text.split(","):
-        name, equals, ends = (part.strip() for part in each.partition("="))
-        found[name] = tuple(map(number, ends.split(":"))) if equals else ()
-        if len(found[name]) not in (0, 2):
-            raise ValueError(text)
-    return found
-
-
-def tolerance(text: str) -> tuple[str, float]:
-    """Name and half-width."""
-    name, value = text.split("=")
-    return name.strip(), number(value)
-
-
-def reference(text: str) -> Any:
-    """A value, or a name."""
-    try:
-        return finite(text)
-    except ValueError:
-        return text
-
-
-TEXT, NUMBER, COMPLEX, COUNT = Kind("TEXT"), Kind("X", number), Kind("R+XJ", finite), Kind("N", int)
-LEVEL = Kind("LEVEL", lambda text: None if text.lower() == "none" else number(text))
-BOUNDS, TOLERANCES = Kind("NAME[=LOW:HIGH],...", bounds), Kind("NAME=X", tolerance)
-REFERENCE = Kind("NAME or R+XJ", reference)
-WALL = Kind("R+XJ", lambda text: text if text == "rigid" else finite(text))
-FREQUENCIES = Kind("HZ or LOW:HIGH:STEP", frequencies)
 FILE, NAME = Kind("FILE", Path, "read"), Kind("NAME", part="named")
 PICTURE, FOLDER = Kind("PICTURE", Path, "drawn", PICTURES), Kind("FOLDER", Path, "folder")
 BY_TYPE: dict[str, tuple[Kind | None, Any]] = {"float": (NUMBER, None), "int": (COUNT, None), "bool": (None, None)}
 BY_TYPE |= {"complex": (COMPLEX, None), "Sequence[float]": (NUMBER, "+"), "tuple[float, float]": (NUMBER, 2)}
-BY_NAME = {"background": NAME, "x": NAME, "z": NAME, "points": FILE, "interval": LEVEL}
-BY_NAME["reference_phase"] = NUMBER
+BY_NAME = {"background": NAME, "x": NAME, "z": NAME, "points": FILE, "interval": LEVEL, "reference_phase": NUMBER}
 
 
 class Option(NamedTuple):
@@ -205,13 +140,9 @@ def parameters(home: str) -> dict[str, tuple[str, Any, str]]:
 
 def _literal(default: ast.expr | None, module: str) -> Any:
     """The value of a literal, or of a constant of the module; None of all else."""
-    for node in parsed(module).body:
-        if (
-            isinstance(default, ast.Name)
-            and isinstance(node, ast.Assign)
-            and default.id == ast.unparse(node.targets[0])
-        ):
-            default = node.value
+    if isinstance(default, ast.Name):
+        constants = {ast.unparse(n.targets[0]): n.value for n in parsed(module).body if isinstance(n, ast.Assign)}
+        default = constants.get(default.id)
     return default.value if isinstance(default, ast.Constant) else None
 
 

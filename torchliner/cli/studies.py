@@ -21,7 +21,7 @@ def _asked(options: Any, call: Any, paths: list[Path], read: Any = work.read_rec
     records = read(paths, options)
     liner = work.only_liner(options, records, paths)
     with work.progress_bar(work.samples_of(records), options) as step:
-        about |= {"progress": step} | options.chosen
+        about |= {"progress": step} | work.choices_of(options)
         return call(records if hasattr(options, "planes") else records[0], liner, options.frequency, **about)
 
 
@@ -43,12 +43,10 @@ def compare(options: argparse.Namespace) -> None:
 
 def compare_models(options: argparse.Namespace) -> None:
     """Several models of the liner on one plane, in one pass."""
-    stems = [Path(name).stem for name in options.liner]
-    names = stems if len(set(stems)) == len(stems) else options.liner
-    records = work.read_records([options.plane], options)
-    models = {name: tl.load_liner(liner) for name, liner in zip(names, options.liner, strict=True)}
+    models = {name: tl.load_liner(name) for name in options.liner}
+    (record,) = records = work.read_records([options.plane], options)
     with work.progress_bar(work.samples_of(records), options) as step:
-        found = tl.compare_models(records[0], models, options.frequency, progress=step, **options.chosen)
+        found = tl.compare_models(record, models, options.frequency, progress=step, **work.choices_of(options))
     work.show(options, found)
 
 

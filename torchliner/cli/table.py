@@ -4,26 +4,8 @@ import re
 from pathlib import Path
 
 from torchliner import names
-from torchliner.cli.options import (
-    BOUNDS,
-    CHOICES,
-    COMPLEX,
-    COUNT,
-    FILE,
-    FOLDER,
-    FREQUENCIES,
-    NAME,
-    NUMBER,
-    PICTURE,
-    REFERENCE,
-    TEXT,
-    TOLERANCES,
-    WALL,
-    Command,
-    Kind,
-    Of,
-    Option,
-)
+from torchliner.cli.kinds import BOUNDS, COMPLEX, COUNT, FREQUENCIES, NUMBER, REFERENCE, TEXT, TOLERANCES, WALL, Kind
+from torchliner.cli.options import CHOICES, FILE, FOLDER, NAME, PICTURE, Command, Of, Option
 from torchliner.io.whole_file import HDF5
 
 

@@ -26,7 +26,7 @@ def educe(options: argparse.Namespace) -> int:
     outputs = _outputs(options, planes)
     liners, found = work.liners_of(options, records, options.planes), []
     with work.progress_bar(work.samples_of(planes), options) as step:
-        about = {"pressure": wall or pressure, "progress": step} | options.chosen
+        about = {"pressure": wall or pressure, "progress": step} | work.choices_of(options)
         for record, liner in zip(records, liners, strict=True):
             found.append(tl.educe(record, liner, options.frequency, **about))
     if pressure is not None:

@@ -28,7 +28,7 @@ def read_planes(paths: Sequence[Path], options: argparse.Namespace) -> list[Velo
 
 
 def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Record]:
-    """Planes, or the moments that planes were reduced to; those of ``background`` too."""
+    """Planes, or the moments that planes were reduced to."""
     found: list[Record] = []
     for path in paths:
         if not holds_moments(path):
@@ -37,18 +37,19 @@ def read_records(paths: Sequence[Path], options: argparse.Namespace) -> list[Rec
             raise ValueError(f"{path} holds moments, which have no parts: leave out {spelled(sorted(options.reading))}")
         else:
             found.append(tl.read_moments(path))
-    if "background" in options.chosen:
-        options.chosen["background"] = background_of(options.chosen["background"])
     return found
 
 
-def background_of(words: Sequence[str]) -> Any:
-    """A number in m/s, or planes or moments without sound."""
+def choices_of(options: argparse.Namespace) -> dict[str, Any]:
+    """The choices; --background is a number in m/s, or names planes or moments without sound, which are opened."""
+    background: Any = options.chosen.get("background")
+    if background is None:
+        return options.chosen
     try:
-        (word,) = words
-        return float(word)
+        (background,) = map(float, background)
     except ValueError:
-        return [tl.read_moments(each) if holds_moments(each) else tl.read_plane(each, lazy=True) for each in words]
+        background = [tl.read_moments(p) if holds_moments(p) else tl.read_plane(p, lazy=True) for p in background]
+    return {**options.chosen, "background": background}
 
 
 def planes_of(records: Sequence[Record]) -> list[VelocityPlane]:
