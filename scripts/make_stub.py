@@ -27,7 +27,7 @@ import torch
 
 from torchliner.studies.variants import Study
 from torchliner.liners.model import Liner
-from torchliner.velocity.reading import Progress
+from torchliner.velocity.reading import Progress, Reduce
 '''
 
 

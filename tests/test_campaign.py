@@ -18,10 +18,10 @@ from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 from test_cli import run
 
 import torchliner as tl
+from torchliner.campaign import workers
 from torchliner.campaign.campaign_file import read_campaign
 from torchliner.campaign.index import COLUMNS
 from torchliner.io.whole_file import locked
-from torchliner.velocity import workers
 
 Z = [name for name in COLUMNS if name.startswith(("resistance", "reactance"))]
 PAGE = DATA.parent / "docs" / "campaigns.md"
@@ -41,7 +41,7 @@ averaging = ["admittance", "phase-locked"]
 CHILD = f"""
 import sys, warnings
 warnings.simplefilter("ignore")
-from torchliner.velocity import workers
+from torchliner.campaign import workers
 workers.SHARE = {SAMPLES * PROBES // SHARES}
 from torchliner.cli.main import main
 sys.exit(main(["run", *sys.argv[1:], "--quiet"]))

@@ -10,7 +10,7 @@ import torch
 
 from torchliner.studies.variants import Study
 from torchliner.liners.model import Liner
-from torchliner.velocity.reading import Progress
+from torchliner.velocity.reading import Progress, Reduce
 
 from torchliner.bursts.arrivals import onto_grid as onto_grid
 from torchliner.bursts.arrivals import tone_attenuation as tone_attenuation
@@ -106,5 +106,5 @@ class _Choices(TypedDict, total=False):
     device: str | torch.device | None
     dtype: str | torch.dtype | None
 def educe(plane: Any, liner: Liner, frequency: Any=None, *, reference_phase: Any=None, pressure: Any=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> ImpedanceMap: ...
-def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, client: Any=None, kept: str | Path | None=None, **choices: Unpack[_Choices]) -> Moments: ...
+def moments(plane: VelocityPlane, liner: Liner | None=None, frequency: Any=None, *, cell_pitch: float | None=None, progress: Progress | None=None, run: Reduce | None=None, **choices: Unpack[_Choices]) -> Moments: ...
 def sensitivities(plane: VelocityPlane | Moments, liner: Liner, frequency: Any=None, parameters: Sequence[str] | None=None, *, tolerances: Mapping[str, float] | None=None, progress: Progress | None=None, **choices: Unpack[_Choices]) -> Study: ...

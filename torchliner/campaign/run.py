@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 from torchliner.campaign.campaign_file import Campaign, Case
 from torchliner.campaign.index import DONE, FAILED, full_row, read_index, write_index
+from torchliner.campaign.workers import share_out
 from torchliner.checks import DataWarning
 from torchliner.engine.moments import SETTINGS, Moments
 from torchliner.io.microphone_file import read_pressure
@@ -172,7 +173,7 @@ def _reduce(unit: Unit, progress: Progress | None, client: Any) -> None:
     assert unit.request is not None
     kept, tone = unit.moments.with_suffix(".parts"), unit.case.facts.get("frequency")
     plane = _plane_of(dataclasses.replace(unit.case, facts={} if tone is None else {"frequency": tone}))
-    known = moments(plane, client=client, kept=kept, progress=progress, **unit.request)
+    known = moments(plane, run=share_out(client, kept), progress=progress, **unit.request)
     unit.moments.parent.mkdir(parents=True, exist_ok=True)
     known.write(unit.moments)
     shutil.rmtree(kept, ignore_errors=True)

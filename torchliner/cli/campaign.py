@@ -1,6 +1,7 @@
 """Commands for files of planes, many planes, and planes that grow: info, convert, reduce, run, follow, report."""
 
 import argparse
+from contextlib import nullcontext
 from dataclasses import replace
 from math import inf
 from typing import Any
@@ -11,6 +12,7 @@ from torchliner.campaign.follow import Frames
 from torchliner.campaign.follow import follow as following
 from torchliner.campaign.index import FAILED, index_table, report_campaign
 from torchliner.campaign.run import plan, run_campaign
+from torchliner.campaign.workers import open_cluster
 from torchliner.checks import require_positive, tell
 from torchliner.cli import work
 from torchliner.io.plane_writer import write_plane
@@ -19,7 +21,6 @@ from torchliner.records.notes import plane_notes
 from torchliner.report.figure import require_matplotlib
 from torchliner.report.inspection import inspect_moments, inspect_plane
 from torchliner.report.page import report_file, require_report
-from torchliner.velocity.workers import open_cluster
 
 STANDING = ("samples", "record s", "f Hz", "R", "X", "half-width", "needed s")
 
@@ -38,7 +39,8 @@ def run(options: argparse.Namespace) -> int:
     if campaign.figures:
         require_matplotlib()
     total = sum(2 * unit.plane.samples for unit in to_read)
-    with open_cluster(options.cluster, options.wait) as client, work.progress_bar(total, options) as step:
+    cluster = open_cluster(options.cluster, options.wait) if options.cluster else nullcontext()
+    with cluster as client, work.progress_bar(total, options) as step:
         rows = run_campaign(campaign, client=client, progress=step)
     words = f"{index_table(rows).as_text()}\n{summary}\nresults in {campaign.output}, index.csv"
     work.show(options, work.told(words, index_table(rows).as_rows()), lambda _: None)

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -21,8 +20,7 @@ from torchliner.velocity import review
 from torchliner.velocity.averages import Averages, average
 from torchliner.velocity.choices import COMPUTED, Choices
 from torchliner.velocity.level_check import check_level, match_level
-from torchliner.velocity.reading import Progress, reading_of, settled, take_moments
-from torchliner.velocity.workers import Reduce, reduce_on
+from torchliner.velocity.reading import Progress, Reduce, reading_of, settled, take_moments
 
 STATED = ("x", "z", "height", "fluid", "mach", "incident_level", "source_side", "title")
 
@@ -92,8 +90,7 @@ def moments(
     *,
     cell_pitch: float | None = None,
     progress: Progress | None = None,
-    client: Any = None,
-    kept: str | Path | None = None,
+    run: Reduce | None = None,
     **choices: Any,
 ) -> Moments:
     """Sums over a plane that hold R(f, |v|) of any liner at any frequency.
@@ -107,10 +104,7 @@ def moments(
             plane's own tone.
         cell_pitch: L_c, m, without a liner.
         progress: called with numbers of samples read.
-        client: of dask.distributed, whose workers read the plane; it must still be in its file
-            (``read_plane(file, lazy=True)``). The same bits whatever the workers.
-        kept: folder, of this plane alone, for finished shares, so that a reading that was killed goes on; the plane
-            as for ``client``.
+        run: the loop over the data; workers of dask share ``torchliner.campaign.workers.share_out(client)``.
         choices: as for ``educe``; what concerns |v| is fixed here, the rest is chosen when Z is asked for.
     Raises:
         TypeError: plane is no VelocityPlane.
@@ -121,10 +115,7 @@ def moments(
     several = liner if isinstance(liner, list | tuple) else [] if liner is None else [liner]
     models = [as_liner(each) for each in several]
     reading = reading_of(plane, models, frequency, Choices(**choices), cell_pitch=cell_pitch)
-    run: Reduce = reduce
-    if client is not None or kept is not None:
-        run = reduce_on(client, None if kept is None else Path(kept))
-    known = take_moments(reading, run, progress)
+    known = take_moments(reading, run or reduce, progress)
     if inputs := origin_of(named_planes(plane))["inputs"]:
         about = dataclasses.replace(known.plane, provenance={**known.plane.provenance, "inputs": inputs})
         known = dataclasses.replace(known, plane=about)

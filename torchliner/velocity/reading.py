@@ -17,7 +17,7 @@ from torchliner.engine.drives import Drive, phase_locked, survey_of_locked
 from torchliner.engine.intervals import FEWEST_BLOCKS
 from torchliner.engine.moments import SETTINGS, Layout, Moments, ReducedVelocity
 from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
-from torchliner.engine.sums import Job, PlaneRecord, is_differentiated, reduce, square
+from torchliner.engine.sums import Job, PlaneRecord, Record, is_differentiated, reduce, square
 from torchliner.engine.survey import Membership, Survey, lines_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.records import VelocityPlane
@@ -26,9 +26,9 @@ from torchliner.records.origin import state_of
 from torchliner.velocity import review
 from torchliner.velocity.background import Background, background_of
 from torchliner.velocity.choices import TOLERANCES, Choices
-from torchliner.velocity.workers import Reduce
 
 Progress = Callable[[int], object]
+Reduce = Callable[[Record, Blocks, Sequence[Job]], list[Tensor]]  # ``reduce``, or another way to the same bits
 SURVEY, CELLS = "survey", "square of cells"
 MOST_OF_LINES = 1 << 28  # bytes of the lines of v at all frequencies asked for; beyond, those of the tone alone
 MOST_OF_SUMS = 1 << 30  # bytes of all sums; of very many probes there are fewer blocks
@@ -79,9 +79,9 @@ class Reading(Layout):
         return jobs | {name: Job(drive, own, lines, reach) for name, drive in drives.items()}
 
     def run(self, jobs: dict[str, Job], run: Reduce = reduce, progress: Progress | None = None) -> dict[str, Tensor]:
-        """One reading: what its jobs give, by name; ``run`` is the loop, of ``velocity.workers`` where others do it."""
+        """One reading: what its jobs give, by name; ``run`` is the loop, which others may share."""
         record = PlaneRecord(self.plane, self.dtype, self.device, self.used, progress)
-        return dict(zip(jobs, run(record, self.blocks, list(jobs.values()), None) if jobs else [], strict=True))
+        return dict(zip(jobs, run(record, self.blocks, list(jobs.values())) if jobs else [], strict=True))
 
     def moments(self, seen: Survey, locked: Drive | None, found: dict[str, Tensor]) -> Moments:
         """The record of what the readings found."""
@@ -201,7 +201,7 @@ def take_moments(
 ) -> Moments:
     """Read a plane once, and once more where an averaging needs to know the whole record first.
 
-    ``run`` is the loop, of ``velocity.workers`` where others do it; ``progress`` is told numbers of samples read;
+    ``run`` is the loop, which others may share; ``progress`` is told numbers of samples read;
     ``reviewed``: with what is to be said of the data, for which sums are brought to the host, or raised.
     """
     # Of what was imported there are no files, so that a run may add frames.
