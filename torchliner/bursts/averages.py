@@ -18,6 +18,7 @@ from torch import Tensor
 from torchliner.conversions import admittance_from_reflection, impedance_from_admittance, impedance_from_reflection
 from torchliner.engine.intervals import (
     FEWEST_BLOCKS,
+    FROM_ADMITTANCE,
     FROM_REFLECTION,
     Conversion,
     impedance_interval,
@@ -27,8 +28,6 @@ from torchliner.engine.intervals import (
 from torchliner.records import ImpedanceLine, Interval, LineAverage
 from torchliner.records.impedance_line import mean_over_segments
 from torchliner.records.wall_eduction import deviation
-
-FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 
 
 def average_line(line: ImpedanceLine, level: float | None, draws: int) -> ImpedanceLine:

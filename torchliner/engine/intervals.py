@@ -18,13 +18,13 @@ reactance are the extremes of Z on that ellipse, Student's quantile times as lar
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from scipy.special import stdtrit
 from torch import Tensor
 
-from torchliner.conversions import impedance_from_reflection
+from torchliner.conversions import impedance_from_admittance, impedance_from_reflection
 from torchliner.records.educed import Interval
 
 SHORTEST_RUN = 2  # blocks: the correlation across a block's border is always allowed for
@@ -59,10 +59,9 @@ def correlation(power: Tensor, neighbours: Tensor, count: int, least: float = 0.
     return (rho + (1 + 4 * rho) / count).clamp(least, MOST_CORRELATED)
 
 
-@dataclass(frozen=True)
-class Conversion:
+class Conversion(NamedTuple):
     """How Z follows from what is resampled, a function of first degree over first degree: Z of it, dZ by it, and
-    where Z is infinite (inf for nowhere)."""
+    where Z is infinite."""
 
     impedance: Callable[[Tensor], Tensor]
     slope: Callable[[Tensor], Tensor]
@@ -70,7 +69,8 @@ class Conversion:
 
 
 FROM_REFLECTION = Conversion(impedance_from_reflection, lambda r: 2 / (1 - r) ** 2, 1)
-ITSELF = Conversion(lambda z: z, torch.ones_like, math.inf)
+FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
+ITSELF = Conversion(lambda z: z, torch.ones_like, 1e30)  # nowhere near
 
 
 def jackknife(values: Tensor, shares: Tensor, level: float, conversion: Conversion = FROM_REFLECTION) -> Interval:
@@ -129,16 +129,9 @@ def impedance_interval(
     turn = torch.exp(0.5j * square.angle())
     axes = torch.stack([long * turn, 1j * short * turn])
     slope, z = conversion.slope(middle), conversion.impedance(middle)
-    inside = torch.zeros_like(long, dtype=torch.bool)
-    if math.isinf(abs(conversion.pole)):
-        reach = axes * slope
-        real, imag = (torch.hypot(*part) for part in (reach.real, reach.imag))
-        changes = torch.stack([-real, real, -imag, imag])
-    else:
-        pole = conversion.pole - middle
-        changes = _extremes(slope * pole, axes / pole)
-        along = pole * turn.conj()
-        inside = ((along.real * short) ** 2 + (along.imag * long) ** 2 < (long * short) ** 2) | (pole.abs() < ROUNDED)
+    pole = conversion.pole - middle
+    changes, along = _extremes(slope * pole, axes / pole), pole * turn.conj()
+    inside = ((along.real * short) ** 2 + (along.imag * long) ** 2 < (long * short) ** 2) | (pole.abs() < ROUNDED)
     bounds = [
         torch.where(inside, sign * math.inf, part + change)
         for sign, part, change in zip((-1, 1, -1, 1), (z.real, z.real, z.imag, z.imag), changes, strict=True)

@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import require_choice, tell
-from torchliner.conversions import impedance_from_admittance, reflection_from_impedance
-from torchliner.engine.intervals import ITSELF, Conversion
+from torchliner.conversions import reflection_from_impedance
+from torchliner.engine.intervals import FROM_ADMITTANCE, ITSELF
 from torchliner.liners.plates import cavity_propagation
 from torchliner.names import LOSSES
 from torchliner.pressure.spectra import transfer_from_amplitudes
@@ -31,7 +31,6 @@ from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
 
-FROM_ADMITTANCE = Conversion(impedance_from_admittance, lambda y: -1 / y**2, 0)
 COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
 FEWEST_SAMPLES = 8  # of such a segment
 LOW_COHERENCE = 0.5
