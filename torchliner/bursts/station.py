@@ -22,12 +22,12 @@ from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error
 from torchliner.liners.model import LinerModel, reflection_of
+from torchliner.liners.plates import goodrich_of
 from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, __version__
 from torchliner.pressure.spectra import tone_amplitudes, window_weights
 from torchliner.records import BurstRecord, ImpedanceLine, VelocityPlane
 from torchliner.velocity.averages import PHASE_RULES
 from torchliner.velocity.choices import TOLERANCES, Choices
-from torchliner.velocity.educe import goodrich_of
 from torchliner.velocity.reading import reading_of, take_moments
 from torchliner.velocity.review import fallen_back
 

@@ -17,7 +17,6 @@ from torch import Tensor
 
 MOST_BLOCKS = 32  # twice as many would sharpen an interval by 5 % and double the memory of every probe
 SLACK = 0.05  # of a period: a record of 15.96 periods counts as 16
-FINE = 64  # samples
 SLAB = 256  # rows that are summed in the precision of the data; sums of slabs are added in float64
 
 
@@ -88,17 +87,8 @@ class Blocks:
 
 
 def waves(lines: Tensor, sampling_rate: float, begin: int, end: int) -> Tensor:
-    """Rows 1, cos and sin of lines (Hz, (L,)) at samples begin .. end - 1: float64, (1 + 2 L, t).
-
-    e^{j omega t} is the product of its values at a multiple of ``FINE`` samples and at the rest: few sines are taken,
-    and each sample has the same bits wherever the rows begin.
-    """
-    turn, first = 2 * torch.pi / sampling_rate * lines, begin // FINE * FINE
-    coarse, fine = (
-        torch.outer(turn, torch.arange(*steps, dtype=torch.float64, device=lines.device))
-        for steps in ((first, end, FINE), (0, FINE))
-    )
-    coarse, fine = (torch.polar(torch.ones_like(angle), angle) for angle in (coarse, fine))
-    wave = (coarse[:, :, None] * fine[:, None]).flatten(1)[:, begin - first : end - first]
-    one = torch.ones(1, end - begin, dtype=torch.float64, device=lines.device)
-    return torch.cat([one, wave.real, wave.imag])
+    """Rows 1, cos and sin of lines (Hz, (L,)) at samples begin .. end - 1: float64, (1 + 2 L, t). Each sample has the
+    same bits wherever the rows begin."""
+    steps = torch.arange(begin, end, dtype=torch.float64, device=lines.device)
+    angle = torch.outer(2 * torch.pi / sampling_rate * lines, steps)
+    return torch.cat([torch.ones_like(steps)[None], angle.cos(), angle.sin()])

@@ -99,27 +99,19 @@ def _built() -> Path:
         folder = Path(tempfile.mkdtemp(prefix="torchliner-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
     library = folder / f"native-{key}.so"
-    if not _whole(library):
-        # Several processes may build at once: each into files of its own, the last one stays.
-        part = library.with_suffix(f".{os.getpid()}")
-        done = subprocess.run([*command, "-o", part, SOURCE], capture_output=True, text=True, timeout=SECONDS)
-        if done.returncode:
-            raise RuntimeError(f"{shlex.join(command)} failed with code {done.returncode}: {done.stderr[-500:]}")
-        part.replace(library)
-        part.write_bytes(_digest(library))
-        part.replace(library.with_suffix(".sha256"))
-    return library
-
-
-def _whole(library: Path) -> bool:
-    """Whether a library is there and is the one that was built: a truncated one would end the process."""
+    checksum = library.with_suffix(".sha256")  # a library that is not the one that was built would end the process
     with contextlib.suppress(OSError):
-        return library.with_suffix(".sha256").read_bytes() == _digest(library)
-    return False
-
-
-def _digest(library: Path) -> bytes:
-    return hashlib.sha256(library.read_bytes()).hexdigest().encode()
+        if checksum.read_text() == hashlib.sha256(library.read_bytes()).hexdigest():
+            return library
+    # Several processes may build at once: each into files of its own, the last one stays.
+    part = library.with_suffix(f".{os.getpid()}")
+    done = subprocess.run([*command, "-o", part, SOURCE], capture_output=True, text=True, timeout=SECONDS)
+    if done.returncode:
+        raise RuntimeError(f"{shlex.join(command)} failed with code {done.returncode}: {done.stderr[-500:]}")
+    part.replace(library)
+    part.write_text(hashlib.sha256(library.read_bytes()).hexdigest())
+    part.replace(checksum)
+    return library
 
 
 def _folder() -> Path | None:

@@ -14,7 +14,8 @@ from torch import Tensor
 
 from torchliner.checks import real_tensor
 from torchliner.fluid import Fluid
-from torchliner.liners.model import Declared, Length, Share
+from torchliner.liners.model import Declared, Length, LinerModel, Share, impedance_of
+from torchliner.records.case import OfOneTone
 
 ASYMPTOTIC_FROM = 1e4  # |s|: the first term left out of the series is below 1e-16 there
 
@@ -118,3 +119,14 @@ def goodrich_resistance(bulk_mach: Any, flow_facing_porosity: Any, displacement_
     1.488
     """
     return bulk_mach / (flow_facing_porosity * (2 + 1.256 * displacement_thickness / diameter))
+
+
+def goodrich_of(case: OfOneTone, liner: LinerModel, frequency: Tensor) -> Tensor | None:
+    """Z of the linear liner plus eq. (2.7), (F,), where Mach number and displacement thickness are stated; what the
+    liner's own law adds for the flow is taken off before."""
+    porosity, diameter = liner.surface_porosity, liner.hole_diameter
+    if not (case.mach and case.displacement_thickness and porosity and diameter is not None):
+        return None
+    added = goodrich_resistance(case.mach, porosity, case.displacement_thickness, diameter) - liner.flow_resistance
+    with torch.no_grad():
+        return impedance_of(liner, frequency, torch.zeros(1)) + added

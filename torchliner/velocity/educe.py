@@ -11,8 +11,8 @@ from torchliner.checks import index_of_frequency, real_tensor, tell
 from torchliner.engine.moments import Moments, ReducedVelocity
 from torchliner.engine.sums import reduce
 from torchliner.io.plane_parts import named_planes
-from torchliner.liners.model import Liner, LinerModel, as_liner, impedance_of
-from torchliner.liners.plates import goodrich_resistance
+from torchliner.liners.model import Liner, LinerModel, as_liner
+from torchliner.liners.plates import goodrich_of
 from torchliner.names import __version__
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
@@ -71,7 +71,6 @@ def educe(
         if chosen.level_matched:
             raise ValueError(f"level_matched reads {plane.plane.name} several times; give the plane, not its moments")
         known, asked = plane, plane.plane.asked(frequency)
-        chosen = fitting(known, model, asked, chosen)
     else:
         reading = reading_of(plane, [model], frequency, chosen, projected=True)
         known, asked, chosen = take_moments(reading, progress=progress), reading.frequency, reading.chosen
@@ -130,9 +129,10 @@ def answer(
     reference_phase: Any = None,
     pressure: Any = None,
 ) -> ImpedanceMap:
-    """The map from moments that fit what is asked; ``chosen``: those with which the plane was read just now, or of
-    ``fitting``; else as of ``educe``."""
+    """The map from moments, as ``educe`` gives it; a ValueError where these do not fit what is asked."""
     plane, liner, names = known.plane, liner.in_flow(known.plane.mach), COMPUTED[chosen.averaging]
+    chosen = settled(plane, chosen, frequency, liner, known.cell_pitch)
+    require_fitting(known, liner, frequency, chosen)
     found = {name: average(known, liner, frequency, chosen, name, reference_phase) for name in names}
     heard, of_sound = review.review_sound(known, liner, frequency, chosen)
     without_tone = any(note.code == review.NO_TONE for note in heard)
@@ -151,15 +151,6 @@ def answer(
     facts |= {"averaging": answered, "level_check": words, **of_sound}
     about: dict[str, Any] = {"averaging": answered, "choices": facts, "level_check": check}
     return map_of(known, liner, frequency, found, notes=tuple(dict.fromkeys(notes)), **about)
-
-
-def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> Choices:
-    """Choices, with their background measured, by which moments that were made before answer; ValueError where these do
-    not fit what is asked."""
-    liner = liner.in_flow(known.plane.mach)
-    chosen = settled(known.plane, chosen, frequency, liner, known.cell_pitch)
-    require_fitting(known, liner, frequency, chosen)
-    return chosen
 
 
 def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> None:
@@ -221,22 +212,11 @@ def map_of(
         cell_weight=known.cells.weight,
         wall=None if first.wall is None else on_probes(first.wall),
         reference=dict(plane.reference),
-        goodrich=goodrich_of(plane, liner, frequency) if plane.mach else None,
+        goodrich=goodrich_of(plane, liner, frequency),
         **parts,
         **{name: getattr(plane, name) for name in STATED},
         **about,
     )
-
-
-def goodrich_of(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> Tensor | None:
-    """Linear liner plus eq. (2.7), (F,), where the plane states Mach number and displacement thickness; what the
-    liner's own law adds for the flow is taken off before."""
-    porosity, diameter = liner.surface_porosity, liner.hole_diameter
-    if not (plane.mach and plane.displacement_thickness and porosity and diameter is not None):
-        return None
-    added = goodrich_resistance(plane.mach, porosity, plane.displacement_thickness, diameter) - liner.flow_resistance
-    with torch.no_grad():
-        return impedance_of(liner, frequency, torch.zeros(1)) + added
 
 
 def facts_of(
@@ -263,7 +243,6 @@ def facts_of(
     if locked is not None and chosen.averaging == "phase-locked":
         scale = torch.ones_like(known.survey.mean) if locked.scale is None else locked.scale
         sizes = known.membership.sizes
-        facts |= {"phase_locked_lines": locked.lines.tolist(), "phase_locked_share": locked.share.mean(1).tolist()}
         facts["incoherent_scale"] = float((known.membership.mean(scale) * sizes).sum() / sizes.sum())  # of all cells
     in_file = isinstance(plane.velocity, ReducedVelocity) and plane.velocity.in_file
     named = [("moments", plane.name)] if in_file else named_planes(plane)
