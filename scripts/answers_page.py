@@ -29,8 +29,8 @@ from torchliner.report.table import format_complex, table_of
 from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.studies.variants import Row
 from torchliner.velocity.averages import average
+from torchliner.velocity.background import SCATTER, STRONG, WEAK, likely_share
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.jets import SCATTER, STRONG, WEAK, likely_share
 from torchliner.velocity.reading import reading_of, take_moments
 
 Rows = Sequence[dict[str, Any]]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, field
 from typing import Any, ClassVar
 
+import numpy as np
 from torch import Tensor
 
 from torchliner.checks import require_positive
@@ -132,6 +133,10 @@ class AtProbes(OfOneTone):
         line = self.x is not None and self.z is None and bool((self.x.diff() > 0).all())
         return probe_axes(self.probe_shape, line)
 
+    def place(self, probe: Any) -> tuple[int, ...]:
+        """Of one probe, by its number among all, on the probe axes."""
+        return tuple(map(int, np.unravel_index(int(probe), self.probe_shape)))
+
     def probe_coordinates(self) -> tuple[Tensor | None, Tensor | None]:
         """x and z of every probe, m, each (P,) or None."""
         x, z = self.x, self.z
@@ -193,13 +198,19 @@ def require_same_run(plane: Any, record: Any) -> None:
     require_same_case(plane, record, OF_ONE_RUN, "name the pressure record of the same run", where_stated=True)
 
 
+def same_probes(first: Any, other: Any) -> bool:
+    """Whether two records have probes of one shape at the same places."""
+    places = ((first.x, other.x), (first.z, other.z))
+    return first.probe_shape == other.probe_shape and all(
+        mine is theirs is None
+        or (mine is not None and theirs is not None and float((mine - theirs).abs().max()) <= SAME_PLACE)
+        for mine, theirs in places
+    )
+
+
 def require_same_probes(first: Any, other: Any) -> None:
     """Refuse files of one plane whose probes or stated case differ, by a ValueError that names what does."""
-    same, both = first.probe_shape == other.probe_shape, ((first.x, other.x), (first.z, other.z))
-    for mine, theirs in both if same else ():
-        same &= (mine is None) == (theirs is None)
-        same = same and (mine is None or float((mine - theirs).abs().max()) <= SAME_PLACE)
-    if not same:
+    if not same_probes(first, other):
         raise ValueError(f"{first.name} and {other.name} cannot be joined: their probes have other shapes or places")
     require_same_case(first, other, OF_ONE_PLANE, "restarts of one run state the same")
 

@@ -87,6 +87,14 @@ class VelocityPlane(Drawn, Written, AtProbes):
             return slab.reshape(slab.shape[0], -1)
         return self.velocity.read(begin, end)
 
+    def first_fault(self, probe: int) -> int:
+        """The first sample that is nan or inf of a probe that is known to have one; its number among all."""
+        for begin in range(0, self.samples, 1 << 14):
+            wrong = ~torch.isfinite(self.read(begin, min(begin + (1 << 14), self.samples))[:, probe])
+            if bool(wrong.any()):
+                return begin + int(wrong.int().argmax())
+        raise ValueError(f"{self.name}: sums of v^2 at probe {probe} are beyond the range of numbers; check the unit")
+
     def load(self) -> VelocityPlane:
         """The same plane with its velocity in memory."""
         return self if isinstance(self.velocity, Tensor) else replace(self, velocity=self.velocity.load())

@@ -13,7 +13,6 @@ from torchliner.engine.survey import Survey, survey_of, survey_sums
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
 from torchliner.records.notes import plane_notes
-from torchliner.velocity.review import first_fault
 
 ALIGNMENT = 0.01  # share of the bulk velocity that |v0| may reach, section 5.5.1
 STATED = {"frequency": " (Hz)", "incident_level": " (dB)", "mach": "", "source_side": "", "liner": ""}
@@ -45,7 +44,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
         probe = int((faults > 0).nonzero()[0])
         failures.append(
             f"{int(faults.sum())} nan or inf at {int((faults > 0).sum())} of {plane.probes} probes, the first at probe "
-            f"{probe}, sample {first_fault(plane, blocks, probe)} (educe --missing exclude leaves such probes out)"
+            f"{probe}, sample {plane.first_fault(probe)} (educe --missing exclude leaves such probes out)"
         )
     if bool((still & good).any()):
         failures.append(f"{int((still & good).sum())} of {plane.probes} probes are constant in time")

@@ -22,7 +22,7 @@ from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.velocity.averages import Averages, average
 from torchliner.velocity.choices import TOLERANCES, Choices
-from torchliner.velocity.level_check import known_pressure, ratio_of_pressures
+from torchliner.velocity.level_check import known_pressure
 from torchliner.velocity.reading import CELLS, Progress, reading_of, take_moments
 
 Records = VelocityPlane | Moments
@@ -104,11 +104,10 @@ def evaluate(variants: Sequence[Variant], frequency: Tensor, base: Moments) -> l
     ``base`` has the velocity at the tone, for the level check.
     """
     pressure, rows = known_pressure(base, frequency), list[Row]()
-    ratio = None if isinstance(pressure, str) else ratio_of_pressures(base, pressure)
     for variant in variants:
         found, levels = variant.averages(frequency).liner.map(Tensor.cpu), None
-        if ratio is not None:
-            decibels = (20 * ratio(found.impedance).abs().log10()).tolist()
+        if not isinstance(pressure, str):
+            decibels = (20 * pressure.ratio(found.impedance[None, None]).abs().log10()).flatten().tolist()
             levels = [each if math.isfinite(each) else None for each in decibels]
         about = {"averaging": variant.averaging, "impedance": found.impedance, "interval": found.interval}
         rows += rows_of(**variant.labels, frequency=frequency, level_check=levels, **about)

@@ -17,8 +17,9 @@ the velocity together; a level that is off by its stated uncertainty moves Z alo
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
 import torch
@@ -27,9 +28,8 @@ from torch import Tensor
 from torchliner.checks import SAME_FREQUENCY
 from torchliner.conversions import impedance_from_reflection, pressure_amplitude_from_spl, spl_from_pressure_amplitude
 from torchliner.engine.drives import phase_locked
-from torchliner.engine.intervals import FEWEST_BLOCKS, ITSELF, jackknife
+from torchliner.engine.intervals import ITSELF, jackknife
 from torchliner.engine.moments import Moments
-from torchliner.fluid import Fluid
 from torchliner.liners.model import LinerModel
 from torchliner.pressure.spectra import segment_amplitudes
 from torchliner.records import Gap, PressureRecord
@@ -47,7 +47,6 @@ NO_TONE = 1e-9  # of the rms velocity: a tone below it is rounding
 WAVENUMBERS = 241  # tried along x, up to three times that of sound
 RANGE = (0.1, 4.0)  # of the share: beyond, it is not the share of the turbulence that is wrong
 LEAST = 0.5  # dB by a factor e in the incoherent velocity: below, the level does not tell the share
-CLOSE = 1e-9  # dB: such a level check is 0
 STEP = 0.02  # in the logarithm of the share, for slopes
 PER_NEPER = 20 / math.log(10)
 NO_SIDE = (
@@ -60,9 +59,9 @@ OTHER_TONE = "not checked, since nothing is known at the frequencies asked for"
 
 @dataclass(frozen=True, eq=False)
 class KnownPressure:
-    """Complex peak amplitudes at y = 0, Pa; nan at frequencies where nothing is known."""
+    """Complex peak amplitudes at y = 0, Pa, nan at frequencies where nothing is known, beside those of the velocity."""
 
-    fluid: Fluid
+    moments: Moments
     frequency: Tensor  # Hz, (F,)
     kind: str  # ``incident`` (of the incident wave) or ``wall`` (of the pressure itself)
     words: str  # what it is compared with
@@ -70,93 +69,34 @@ class KnownPressure:
     has_phase: bool = False  # whether the phase is on the clock of the velocity
     height: float | None = None  # from which the velocity is moved to the wall, m; None: no plane waves
 
-    def ratio(self, z: Tensor, velocity: Tensor) -> Tensor:
-        """Implied over known pressure, (..., 1 + C, F), the whole plane first, or of that alone, (..., 1, F): of
-        impedances and of velocities into the liner (m/s) of this shape."""
-        angle = 2 * torch.pi * self.frequency / float(self.fluid.sound_speed) * (self.height or 0.0)
+    @cached_property
+    def velocity(self) -> Tensor:
+        """Into the liner, m/s, as of ``replicates``, (B, 1 + C, F), the whole plane first; nan without a tone. Where
+        waves run along x it is averaged over cells with that wavenumber turned back which makes the mean largest."""
+        seen, members, cells = self.moments.survey, self.moments.membership, self.moments.cells
+        found = -members.mean(seen.tone(self.frequency, every=True).transpose(1, 2)).transpose(1, 2).cpu()
+        scale = members.mean(seen.mean_square).sqrt().cpu()
+        found = torch.where(found.abs() <= NO_TONE * scale[:, None], torch.nan, found)
+        weights = torch.ones_like(cells.x) if cells.weight is None else cells.weight
+        weights = (weights / weights.sum())[:, None].to(found)
+        if self.height is None:
+            x = torch.nan_to_num(cells.x - cells.x.nanmean())[:, None]
+            steps = torch.linspace(-3, 3, WAVENUMBERS, dtype=torch.float64)[:, None, None]
+            turns = torch.exp(2j * torch.pi / float(self.moments.plane.fluid.sound_speed) * steps * x * self.frequency)
+            best = (turns * torch.nan_to_num(found[0])).sum(1).abs().argmax(0)
+            weights = weights * turns.gather(0, best.expand(1, len(x), -1))[0]
+        return torch.cat([(weights * found).sum(1, keepdim=True), found], 1)
+
+    def ratio(self, z: Tensor) -> Tensor:
+        """Implied over known pressure at impedances of the whole plane and of each cell, or of the whole alone, of all
+        blocks and without each, or of all alone: (B or 1, 1 + C or 1, F)."""
+        fluid, velocity = self.moments.plane.fluid, self.velocity[: len(z), : z.shape[1]]
+        angle = 2 * torch.pi * self.frequency / float(fluid.sound_speed) * (self.height or 0.0)
         at_wall = velocity / (angle.cos() + 1j * angle.sin() * z)
         implied = z * at_wall
         if self.kind == INCIDENT:
-            implied = (implied + at_wall[..., :1, :]) / 2
-        return float(self.fluid.characteristic_impedance) * implied / self.pressure[: z.shape[-2]]
-
-
-def check_level(
-    moments: Moments,
-    frequency: Tensor,
-    found: Mapping[str, Averages],
-    chosen: Choices,
-    averaging: str,
-    pressure: Any = None,
-) -> tuple[LevelCheck | None, str, list[Note]]:
-    """Of all averagings, with intervals where these have them, None where nothing is known; ``checked``, or why nothing
-    is; a note for each frequency at which the answer, of ``averaging``, does not pass."""
-    known = known_pressure(moments, frequency, pressure)
-    if isinstance(known, str):
-        return None, known, []
-    velocity, ratios, bounds, name = cell_velocity(moments, known), [], [], moments.plane.name
-    for each in found.values():
-        z = impedance_from_reflection(each.replicates.detach()).cpu()
-        ratio = known.ratio(z, velocity[: len(z)])
-        ratios.append(ratio[0])
-        if each.liner.interval is not None and chosen.interval is not None:
-            change = ratio / ratio[:1]
-            unknown, lengths = ~torch.isfinite(change.sum(0)), moments.survey.lengths.cpu()
-            logarithm = torch.where(unknown, 0, torch.log(torch.where(unknown, 1, change)))
-            interval = jackknife(logarithm, lengths / lengths.sum(), chosen.interval, ITSELF)
-            bounds.append(torch.stack([interval.low, interval.high]).masked_fill(unknown, torch.nan))
-    ratio = torch.stack(ratios)  # (A, 1 + C, F)
-    has_bounds, unknown_ends = len(bounds) == len(ratios), torch.full_like(ratio, complex(math.nan, math.nan))
-    low, high = torch.stack(bounds, 1) if has_bounds else torch.stack([unknown_ends, unknown_ends])
-    level, phase = 20 * torch.log10(ratio.abs()), torch.rad2deg(ratio.angle() if known.has_phase else unknown_ends.imag)
-    gap = [level, level + PER_NEPER * low.real, level + PER_NEPER * high.real]
-    gap += [phase, phase + torch.rad2deg(low.imag), phase + torch.rad2deg(high.imag)]
-    check = LevelCheck(
-        averagings=tuple(found),
-        averaging=averaging,
-        known=known.words,
-        kind=known.kind,
-        pressure_level=spl_from_pressure_amplitude(known.pressure[0]),
-        limit=chosen.level_limit + chosen.level_uncertainty,
-        uncertainty=chosen.level_uncertainty,
-        confidence=chosen.interval if has_bounds else None,
-        liner=Gap(*(value[:, 0] for value in gap)),
-        cells=Gap(*(value[:, 1:] for value in gap)),
-    )
-    texts = [check.sentence(averaging, f, i) for i, f in enumerate(frequency.tolist())]
-    return check, "checked", [Note("level-check", f"{name}: {text}") for text in texts if text]
-
-
-def ratio_of_pressures(moments: Moments, known: KnownPressure, *, every: bool = False) -> Callable[[Tensor], Tensor]:
-    """Implied over known pressure of the whole plane, complex, as a function of its Z, (..., F); with ``every`` of Z of
-    all blocks and without each of them, (B, F). Its phase means something where ``known.has_phase``."""
-    velocity = cell_velocity(moments, known)[:, :1]
-    return lambda z: known.ratio(z[..., None, :], velocity[: len(z)] if every else velocity[0])[..., 0, :]
-
-
-def cell_velocity(moments: Moments, known: KnownPressure) -> Tensor:
-    """Complex peak amplitude of v into the liner, m/s, (B, 1 + C, F): the whole plane first; nan without a tone."""
-    seen, members = moments.survey, moments.membership
-    probes = seen.tone(known.frequency, every=True)
-    cells = -members.mean(probes.transpose(1, 2)).transpose(1, 2).cpu()
-    scale = members.mean(seen.mean_square).sqrt().cpu()
-    cells = torch.where(cells.abs() <= NO_TONE * scale[:, None], torch.nan, cells)
-    share = moments.cells.weight
-    share = torch.ones(members.count, dtype=torch.float64) if share is None else share
-    weights = (share / share.sum())[:, None].to(torch.complex128)
-    if known.height is None:
-        speed = float(known.fluid.sound_speed)
-        weights = weights * turned_back(moments.cells.x, torch.nan_to_num(cells[0]), known.frequency, speed)
-    return torch.cat([(weights * cells).sum(1, keepdim=True), cells], 1)
-
-
-def turned_back(x: Tensor, velocity: Tensor, frequency: Tensor, sound_speed: float) -> Tensor:
-    """Unit factors that undo the phase of a wave along x (m, (C,), nan where unknown) of velocities (C, F)."""
-    away = torch.nan_to_num(x - x.nanmean())[:, None]
-    steps = torch.linspace(-3, 3, WAVENUMBERS, dtype=torch.float64)
-    turns = torch.exp(2j * torch.pi / sound_speed * steps[:, None, None] * away * frequency)
-    best = (turns * velocity).sum(1).abs().argmax(0)
-    return turns.gather(0, best.expand(1, len(x), -1))[0]
+            implied = (implied + at_wall[:, :1]) / 2
+        return float(fluid.characteristic_impedance) * implied / self.pressure[: z.shape[1]]
 
 
 def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> KnownPressure | str:
@@ -180,9 +120,9 @@ def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> Kn
     every = pressure.expand(1 + count, -1)
     if side == "normal":
         words = f"the stated {level:.4g} dB of the incident wave (normal incidence, rho c |Z + 1| |V|/2)"
-        return KnownPressure(plane.fluid, frequency, INCIDENT, words, every, height=plane.height or 0.0)
+        return KnownPressure(moments, frequency, INCIDENT, words, every, height=plane.height or 0.0)
     words = f"the stated {level:.4g} dB at the wall (grazing incidence, rho c |Z| |V|)"
-    return KnownPressure(plane.fluid, frequency, WALL, words, every)
+    return KnownPressure(moments, frequency, WALL, words, every)
 
 
 def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> KnownPressure:
@@ -203,7 +143,45 @@ def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> K
     words = f"the facesheet's pressure (rho c Z V, {'with' if same_times else 'without'} phase)"
     peaks = torch.cat([peak[:1], peak[1:].expand(cells.count, -1)])
     moved = plane.height or 0.0 if plane.source_side == "normal" else None
-    return KnownPressure(plane.fluid, frequency, WALL, words, peaks, same_times, moved)
+    return KnownPressure(moments, frequency, WALL, words, peaks, same_times, moved)
+
+
+def check_level(
+    moments: Moments,
+    frequency: Tensor,
+    found: Mapping[str, Averages],
+    chosen: Choices,
+    averaging: str,
+    pressure: Any = None,
+) -> tuple[LevelCheck | None, str, list[Note]]:
+    """Of all averagings, with intervals where these have them, None where nothing is known; ``checked``, or why nothing
+    is; a note for each frequency at which the answer, of ``averaging``, does not pass."""
+    known, lengths = known_pressure(moments, frequency, pressure), moments.survey.lengths.cpu()
+    if isinstance(known, str):
+        return None, known, []
+    every = (known.ratio(impedance_from_reflection(each.replicates.detach()).cpu()) for each in found.values())
+    ratio = torch.stack(list(every), 1)  # (B, A, 1 + C, F)
+    gap, level = ratio[:1].log(), chosen.interval if len(ratio) > 1 else None
+    ends = torch.full_like(gap, complex(math.nan, math.nan)).repeat(2, 1, 1, 1)
+    if level is not None:
+        interval = jackknife((ratio / ratio[:1]).log(), lengths / lengths.sum(), level, ITSELF)
+        ends = torch.stack([interval.low, interval.high])
+    gap = torch.cat([gap, gap + ends])
+    decibels, degrees = PER_NEPER * gap.real, torch.rad2deg(gap.imag) + (0.0 if known.has_phase else math.nan)
+    check = LevelCheck(
+        averagings=tuple(found),
+        averaging=averaging,
+        known=known.words,
+        kind=known.kind,
+        pressure_level=spl_from_pressure_amplitude(known.pressure[0]),
+        limit=chosen.level_limit + chosen.level_uncertainty,
+        uncertainty=chosen.level_uncertainty,
+        confidence=level,
+        liner=Gap(*decibels[:, :, 0], *degrees[:, :, 0]),
+        cells=Gap(*decibels[:, :, 1:], *degrees[:, :, 1:]),
+    )
+    texts = [check.sentence(averaging, f, i) for i, f in enumerate(frequency.tolist())]
+    return check, "checked", [Note("level-check", f"{moments.plane.name}: {text}") for text in texts if text]
 
 
 def match_level(
@@ -216,68 +194,62 @@ def match_level(
     """
     from scipy.optimize import brentq  # takes a quarter of a second to import
 
-    chosen, frequency, name = reading.chosen, reading.frequency, known.plane.name
+    chosen, frequency, lengths, notes = reading.chosen, reading.frequency, known.survey.lengths.cpu(), list[Note]()
     if known.locked is None:
         raise ValueError("level_matched scales what phase-locked averaging leaves; choose averaging='phase-locked'")
-    pressures = known_pressure(known, frequency, pressure)
-    if isinstance(pressures, str):
-        return None, [Note("level-matched", f"{name}: no level-matched answer: {pressures}")]
+    there, none = known_pressure(known, frequency, pressure), f"{known.plane.name}: no level-matched answer"
+    if isinstance(there, str):
+        return None, [Note("level-matched", f"{none}: {there}")]
     scale = torch.ones_like(known.survey.mean) if known.locked.scale is None else known.locked.scale
-    seen, ratio = dict[float, tuple[Tensor, Tensor]](), ratio_of_pressures(known, pressures, every=True)
-    lengths, notes = known.survey.lengths.cpu(), []
 
+    @cache
     def at(place: float) -> tuple[Tensor, Tensor]:
-        """Z of the liner and level check, nepers, of all blocks and without each, (B, F), by the share's logarithm."""
-        if place not in seen:
-            drive = phase_locked(known.survey, known.membership, math.exp(place) * scale)
-            moments = known if place == 0 else reading.with_drive(known, drive)
-            found = average(moments, liner, frequency, chosen, "phase-locked", reference_phase)
-            z = impedance_from_reflection(found.replicates[:, 0].detach()).cpu()
-            seen[place] = z, ratio(z).log()
-        return seen[place]
+        """Z of the liner and level check, dB, of all blocks and without each, (B, F), by the share's logarithm."""
+        drive = phase_locked(known.survey, known.membership, math.exp(place) * scale)
+        moments = reading.with_drive(known, drive) if place else known
+        found = average(moments, liner, frequency, chosen, "phase-locked", reference_phase)
+        z = impedance_from_reflection(found.replicates[:, :1].detach()).cpu()
+        return z[:, 0], PER_NEPER * there.ratio(z)[:, 0].abs().log()
 
-    def matched(i: int) -> list[complex] | str:
+    def matched(i: int) -> Tensor | str:
         """The fields of the record at one frequency, or why there are none."""
 
         def gap(place: float) -> float:
-            """dB."""
-            return PER_NEPER * float(at(place)[1][0, i].real)
+            return float(at(place)[1][0, i])
 
-        place, end = 0.0, math.log(RANGE[int(gap(0.0) < 0)])
-        beyond = abs(gap(0.0)) > CLOSE and gap(0.0) * gap(end) > 0
-        if abs(gap(0.0)) > CLOSE and not beyond:
-            place = float(brentq(gap, min(end, 0.0), max(end, 0.0), xtol=1e-5))
+        end = math.log(RANGE[int(gap(0.0) < 0)])
+        within = gap(0.0) * gap(end) <= 0
+        place = float(brentq(gap, min(0.0, end), max(0.0, end), xtol=1e-5)) if within else 0.0
         rate = (gap(place + STEP) - gap(place)) / STEP  # dB by a factor e
-        if rate < LEAST:
+        if not rate >= LEAST:
             return f"the level check changes by {rate:.2g} dB by a factor e in the incoherent rms (limit {LEAST:g})"
-        if beyond:
+        if not within:
             still = f"still {gap(end):+.2f} dB with {math.exp(end):g} times the incoherent velocity"
             return f"the level check is {still}: model, level or phase-locked velocity are wrong"
-        share, away = math.exp(place), chosen.level_uncertainty / rate
-        (z, ratio), (beside, _) = ([each[:, i] for each in at(where)] for where in (place, place + STEP))
-        by, bounds = complex((beside[0] - z[0]) / STEP), [complex(math.nan, math.nan)] * 4
-        if chosen.interval is not None and len(lengths) >= FEWEST_BLOCKS:
-            moved = -(ratio - ratio[:1]).real * PER_NEPER / rate  # the logarithm of each replicate's own share
-            values = torch.stack([z + by * moved, moved.to(z)], 1)
+        (z, level), (beside, _) = ([each[:, i] for each in at(where)] for where in (place, place + STEP))
+        by, moved = (beside[0] - z[0]) / STEP, (level[0] - level) / rate  # the logarithm of each replicate's own share
+        values = torch.stack([z + by * moved, moved.to(z)], 1)
+        low = high = torch.full_like(values[0], complex(math.nan, math.nan))
+        if chosen.interval is not None and len(z) > 1:
             interval = jackknife(values, lengths / lengths.sum(), chosen.interval, ITSELF)
-            for k, (value, more) in enumerate(((complex(z[0]), by * away), (0j, complex(away)))):
-                bounds[2 * k : 2 * k + 2] = (farther(value, each, more) for each in interval.bounds(k))
-        low, high = (share * math.exp(each.real) for each in bounds[2:])
-        return [complex(z[0]), *bounds[:2], share, low, high, rate]
+            away = torch.stack([by, torch.ones_like(by)]) * chosen.level_uncertainty / rate
+            low, high = (farther(values[0], each, away) for each in (interval.low, interval.high))
+        ends = torch.stack([values[0], low, high])
+        return torch.cat([ends[:, 0], (place + ends[:, 1]).exp(), torch.full_like(by, rate)[None]])
 
     every = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128)
     for i, f in enumerate(frequency.tolist()):
-        if bool(torch.isfinite(pressures.pressure[0, i].abs())):
+        if bool(torch.isfinite(there.pressure[0, i].abs())):
             found = matched(i)
             if isinstance(found, str):
-                notes.append(Note("level-matched", f"{name}: no level-matched answer at {f:g} Hz: {found}"))
+                notes.append(Note("level-matched", f"{none} at {f:g} Hz: {found}"))
             else:
-                every[:, i] = torch.tensor(found, dtype=torch.complex128)
+                every[:, i] = found
     (z, low, high), (share, least, most, rate) = every[:3], every[3:].real
     return LevelMatched(z, low, high, share, least, most, rate, chosen.level_uncertainty), notes
 
 
-def farther(value: complex, bound: complex, more: complex) -> complex:
-    """A bound moved out by another error, R and X apart: the root of the sum of squares."""
-    pairs = zip((value.real, value.imag), (bound.real, bound.imag), (more.real, more.imag), strict=True)
-    return complex(*(own + math.copysign(math.hypot(end - own, away), end - own) for own, end, away in pairs))
+def farther(value: Tensor, bound: Tensor, away: Tensor) -> Tensor:
+    """A bound moved out by another error, real and imaginary parts apart: the root of the sum of squares."""
+    value, bound, away = map(torch.view_as_real, (value, bound, away))
+    return torch.view_as_complex(value + torch.copysign(torch.hypot(bound - value, away), bound - value))

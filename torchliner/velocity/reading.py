@@ -190,7 +190,14 @@ def settled(
         )
     quiet = chosen.background
     if quiet is not None and not isinstance(quiet, Background):
-        quiet = background_of(plane, quiet, liner, pitch)
+        own = Choices("admittance", mean=chosen.mean, missing=chosen.missing, allow_short=True, dtype="float64")
+
+        def survey(each: VelocityPlane) -> Moments:
+            """Of a run without sound, with the tone of this plane, which it need not state."""
+            each = dataclasses.replace(each, frequency=plane.frequency or each.frequency)
+            return take_moments(reading_of(each, [], each.frequency or frequency, own, cell_pitch=pitch, summed=False))
+
+        quiet = background_of(plane, quiet, liner, pitch, survey)
     if chosen.drive == "running-rms":
         chosen = dataclasses.replace(chosen, running_window=chosen.window(frequency))
     return dataclasses.replace(chosen, background=quiet)

@@ -201,7 +201,7 @@ def _velocity_limit(stated: float | None, largest: Tensor, plane: VelocityPlane,
     """Top of the levels, m/s, from the largest |v| of each probe, (P,), rounded up to a power of the root of 2, so that
     the levels rarely depend on the data."""
     top, known = largest.max().item(), liner.speed_max or math.inf
-    place = tuple(int(i) for i in torch.unravel_index(largest.argmax(), plane.probe_shape))
+    place = plane.place(largest.argmax())
     if not math.isfinite(top):
         raise ValueError(f"{plane.name} holds nan or inf at probe {place} behind its last whole period; cut it there")
     rounded = 2.0 ** (math.ceil(2 * math.log2(max(top, SMALLEST))) / 2) * (1 + 1e-9)
