@@ -24,6 +24,8 @@ from torchliner.records import VelocityPlane
 from torchliner.records.case import same_probes
 from torchliner.records.cells import sort_into_cells
 
+Read = Callable[[VelocityPlane], Moments]
+REMEDY = "give a run without sound of the same flow on the same plane, or its rms in m/s"
 SAME = 0.02  # relative: heights and Mach numbers that differ by less are the same
 HOLE = 0.5  # of a hole diameter: the height at which the rms of a quiet run acts
 FALSE_ALARM = 1e-3  # of runs without sound, that are taken to hold the tone
@@ -61,11 +63,7 @@ class Background:
 
 
 def background_of(
-    plane: VelocityPlane,
-    given: Any,
-    liner: LinerModel | None,
-    pitch: float | None,
-    survey: Callable[[VelocityPlane], Moments],
+    plane: VelocityPlane, given: Any, liner: LinerModel | None, pitch: float | None, read: Read
 ) -> Background:
     """What is given as the choice ``background``, measured.
 
@@ -73,23 +71,13 @@ def background_of(
         plane: with sound.  pitch: of the cells, m.  liner: whose holes count; None for moments of any liner.
         given: a number, m/s, a plane without sound or its moments, or planes of several heights, between which the rms
             is interpolated to half a hole diameter.
-        survey: reads such a plane, with the lines of the tone.
+        read: moments of such a plane, with the lines of the tone.
     """
     several = given if isinstance(given, list | tuple) else [given]
     if not all(isinstance(each, VelocityPlane | Moments) for each in several):
         require_positive("background (m/s, or planes or moments)", given)
         return Background((one_number("background", given),))
-    known = []
-    for each in several:
-        about = each.plane if isinstance(each, Moments) else each
-        pairs = {"Mach number": (about.mach, plane.mach), "height (m)": (about.height, plane.height)}
-        for what, (there, here) in pairs.items() if len(several) == 1 else [*pairs.items()][:1]:
-            if there is not None and here is not None and not math.isclose(there, here, rel_tol=SAME):
-                raise ValueError(
-                    f"background {about.name} has {what} {there:.4g} and {plane.name} {here:.4g}; give the same plane "
-                    "of the same flow without sound, or its rms in m/s"
-                )
-        known.append(_measured(each if isinstance(each, Moments) else survey(each), plane, pitch))
+    known = [_measured(each, plane, pitch, read, same_height=len(several) == 1) for each in several]
     if len(known) == 1:
         return known[0]
     target = plane.height if liner is None or not liner.hole_diameter else HOLE * liner.hole_diameter
@@ -97,27 +85,30 @@ def background_of(
         raise ValueError("background: several planes need one grid, their heights and the liner's hole diameter")
     heights, rms = zip(*sorted((each.height, each.rms) for each in known), strict=True)
     if not heights[0] * (1 - SAME) <= target <= heights[-1] * (1 + SAME):
-        text = f"background: planes at {', '.join(f'{1e3 * each:.4g}' for each in heights)} mm, and none is on either "
-        text += (
-            f"side of half a hole diameter, {1e3 * target:.4g} mm; add one, or give the plane at the height of the run"
-        )
-        raise ValueError(f"{text} alone")
+        shown = ", ".join(f"{1e3 * each:.4g}" for each in heights)
+        text = f"background: planes at {shown} mm, none on either side of half a hole diameter, {1e3 * target:.4g} mm"
+        raise ValueError(f"{text}; add one, or give the plane at the height of the run alone")
     between = tuple(float(np.interp(target, heights, of_cell)) for of_cell in zip(*rms, strict=True))
     return Background(between, tuple(name for each in known for name in each.source), target)
 
 
-def _measured(known: Moments, plane: VelocityPlane, pitch: float | None) -> Background:
+def _measured(
+    quiet: VelocityPlane | Moments, plane: VelocityPlane, pitch: float | None, read: Read, *, same_height: bool
+) -> Background:
     """rms of the incoherent velocity of each cell without sound; of all probes where these are others."""
-    about, seen, tone = known.plane, known.survey, plane.frequency or known.plane.frequency
+    about = quiet.plane if isinstance(quiet, Moments) else quiet
+    facts = [("Mach number", about.mach, plane.mach), ("height (m)", about.height, plane.height)]
+    for what, there, here in facts[: 1 + same_height]:
+        if there is not None and here is not None and not math.isclose(there, here, rel_tol=SAME):
+            raise ValueError(f"background {about.name} has {what} {there:.4g}, and {plane.name} {here:.4g}; {REMEDY}")
+    known, tone = quiet if isinstance(quiet, Moments) else read(quiet), plane.frequency or about.frequency
     cells = sort_into_cells(about, pitch if same_probes(about, plane) else None).kept(known.used)
-    members, count = Membership.of(cells, known.used, seen.sums.device), seen.blocks.count
-    if tone is not None and count > 2:
+    seen, members = known.survey, Membership.of(cells, known.used, known.survey.sums.device)
+    if tone is not None and (count := seen.blocks.count) > 2:
         found = float(seen.coherence(torch.tensor([tone], dtype=torch.float64), members).nan_to_num(0).max())
         if found > (limit := coherence_by_chance(count, FALSE_ALARM)):
-            raise ValueError(
-                f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}; noise exceeds "
-                f"{limit:.2g} in {100 * FALSE_ALARM:g} % of records): give a run without sound, or its rms in m/s"
-            )
+            text = f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}, noise has "
+            raise ValueError(f"{text}{limit:.2g} in {100 * FALSE_ALARM:g} % of records); {REMEDY}")
     rms = members.mean(incoherent_square(seen, members)).sqrt()
     return Background(tuple(rms.tolist()), (about.name,), about.height)
 

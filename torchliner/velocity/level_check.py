@@ -48,11 +48,9 @@ WAVENUMBERS = 241  # tried along x, up to three times that of sound
 RANGE = (0.1, 4.0)  # of the share: beyond, it is not the share of the turbulence that is wrong
 LEAST = 0.5  # dB by a factor e in the incoherent velocity: below, the level does not tell the share
 STEP = 0.02  # in the logarithm of the share, for slopes
+NOTHING = complex(math.nan, math.nan)
 PER_NEPER = 20 / math.log(10)
-NO_SIDE = (
-    "not checked, state source_side: normal makes incident_level that of the incident wave, "
-    "upstream or downstream that of the pressure at the wall"
-)
+NO_SIDE = "not checked, state source_side: normal makes incident_level that of the wave, else it is that at the wall"
 NO_SOUND = "not checked, since source_side states that there is no sound"
 OTHER_TONE = "not checked, since nothing is known at the frequencies asked for"
 
@@ -104,55 +102,45 @@ def known_pressure(moments: Moments, frequency: Tensor, given: Any = None) -> Kn
 
     ``given``: ``PressureRecord`` of the same run with a facesheet; None: the level that the plane states.
     """
-    plane, count = moments.plane, moments.membership.count
-    level, side, tone = plane.incident_level, plane.source_side, plane.frequency
+    plane, level, side = moments.plane, moments.plane.incident_level, moments.plane.source_side
     if given is not None:
-        if not isinstance(given, PressureRecord) or given.facesheet is None:
-            raise TypeError(f"pressure is {type(given).__name__}; a PressureRecord with a facesheet is needed")
-        require_same_run(plane, given)
         return _of_record(moments, frequency, given)
     if side == "none" or level is None or side == "unknown":
         return NO_SOUND if side == "none" else UNKNOWN if level is None else NO_SIDE
-    same = (frequency / (tone or (float(frequency[0]) if len(frequency) == 1 else math.nan)) - 1).abs() < SAME_FREQUENCY
+    tone = plane.frequency or (float(frequency[0]) if len(frequency) == 1 else math.nan)
+    same = (frequency / tone - 1).abs() < SAME_FREQUENCY
     if not bool(same.any()):
         return OTHER_TONE
-    pressure = torch.where(same, pressure_amplitude_from_spl(float(level)), torch.nan).to(torch.complex128)
-    every = pressure.expand(1 + count, -1)
+    pressure = torch.where(same, pressure_amplitude_from_spl(float(level)), torch.nan).to(torch.complex128)[None]
     if side == "normal":
         words = f"the stated {level:.4g} dB of the incident wave (normal incidence, rho c |Z + 1| |V|/2)"
-        return KnownPressure(moments, frequency, INCIDENT, words, every, height=plane.height or 0.0)
+        return KnownPressure(moments, frequency, INCIDENT, words, pressure, height=plane.height or 0.0)
     words = f"the stated {level:.4g} dB at the wall (grazing incidence, rho c |Z| |V|)"
-    return KnownPressure(moments, frequency, WALL, words, every)
+    return KnownPressure(moments, frequency, WALL, words, pressure)
 
 
-def _of_record(moments: Moments, frequency: Tensor, record: PressureRecord) -> KnownPressure:
+def _of_record(moments: Moments, frequency: Tensor, record: Any) -> KnownPressure:
     """The pressure of the facesheet."""
-    plane, cells = moments.plane, moments.cells
-    assert record.facesheet is not None
+    if not isinstance(record, PressureRecord) or record.facesheet is None:
+        raise TypeError(f"pressure is {type(record).__name__}; a PressureRecord with a facesheet is needed")
+    plane, cells, pitch = moments.plane, moments.cells, moments.cell_pitch
+    require_same_run(plane, record)
+    face, own = record.facesheet.reshape(record.probes, -1).to(torch.float64), sort_into_cells(record, pitch)
+    signals, near, places = face.mean(0, keepdim=True), 0.1 * (pitch or 0.0), ((own.x, cells.x), (own.z, cells.z))
+    if own.count == cells.count and all(bool(torch.nan_to_num(a - b).abs().max() <= near) for a, b in places):
+        signals = torch.cat([signals, own.average(face, own.labels >= 0)])  # else the mean stands for each cell
     after = plane.start - record.start
     same_times = abs(record.duration / plane.duration - 1) < SAME_TIMES and abs(after) < plane.duration
     # A phasor of the record becomes one of the plane.
     turn = 2 * torch.exp(2j * torch.pi * frequency * (after if same_times else 0.0))
-    face = record.facesheet.reshape(record.probes, -1).to(torch.float64)
-    mean, own = face.mean(0, keepdim=True), sort_into_cells(record, moments.cell_pitch)
-    near, places = 0.1 * (moments.cell_pitch or 0.0), ((own.x, cells.x), (own.z, cells.z))
-    same = own.count == cells.count and all(bool(torch.nan_to_num(a - b).abs().max() <= near) for a, b in places)
-    # Where the record's cells are not the plane's, the mean stands for each.
-    signals = torch.cat([mean, own.average(face, own.labels >= 0) if same else mean])
-    peak = turn * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
+    peaks = turn * segment_amplitudes(signals, frequency, record.sampling_rate)[0]
     words = f"the facesheet's pressure (rho c Z V, {'with' if same_times else 'without'} phase)"
-    peaks = torch.cat([peak[:1], peak[1:].expand(cells.count, -1)])
     moved = plane.height or 0.0 if plane.source_side == "normal" else None
     return KnownPressure(moments, frequency, WALL, words, peaks, same_times, moved)
 
 
 def check_level(
-    moments: Moments,
-    frequency: Tensor,
-    found: Mapping[str, Averages],
-    chosen: Choices,
-    averaging: str,
-    pressure: Any = None,
+    moments: Moments, frequency: Tensor, found: Mapping[str, Averages], chosen: Choices, averaging: str, pressure: Any
 ) -> tuple[LevelCheck | None, str, list[Note]]:
     """Of all averagings, with intervals where these have them, None where nothing is known; ``checked``, or why nothing
     is; a note for each frequency at which the answer, of ``averaging``, does not pass."""
@@ -162,11 +150,10 @@ def check_level(
     every = (known.ratio(impedance_from_reflection(each.replicates.detach()).cpu()) for each in found.values())
     ratio = torch.stack(list(every), 1)  # (B, A, 1 + C, F)
     gap, level = ratio[:1].log(), chosen.interval if len(ratio) > 1 else None
-    ends = torch.full_like(gap, complex(math.nan, math.nan)).repeat(2, 1, 1, 1)
+    gap = torch.cat([gap, torch.full_like(gap.repeat(2, 1, 1, 1), NOTHING)])
     if level is not None:
         interval = jackknife((ratio / ratio[:1]).log(), lengths / lengths.sum(), level, ITSELF)
-        ends = torch.stack([interval.low, interval.high])
-    gap = torch.cat([gap, gap + ends])
+        gap[1:] = gap[:1] + torch.stack([interval.low, interval.high])
     decibels, degrees = PER_NEPER * gap.real, torch.rad2deg(gap.imag) + (0.0 if known.has_phase else math.nan)
     check = LevelCheck(
         averagings=tuple(found),
@@ -194,13 +181,15 @@ def match_level(
     """
     from scipy.optimize import brentq  # takes a quarter of a second to import
 
-    chosen, frequency, lengths, notes = reading.chosen, reading.frequency, known.survey.lengths.cpu(), list[Note]()
     if known.locked is None:
         raise ValueError("level_matched scales what phase-locked averaging leaves; choose averaging='phase-locked'")
+    chosen, frequency, lengths, notes = reading.chosen, reading.frequency, known.survey.lengths.cpu(), list[Note]()
     there, none = known_pressure(known, frequency, pressure), f"{known.plane.name}: no level-matched answer"
     if isinstance(there, str):
         return None, [Note("level-matched", f"{none}: {there}")]
     scale = torch.ones_like(known.survey.mean) if known.locked.scale is None else known.locked.scale
+    fields = torch.full((3, 2, len(frequency)), NOTHING, dtype=torch.complex128)
+    rates = fields[0, 0].real.clone()
 
     @cache
     def at(place: float) -> tuple[Tensor, Tensor]:
@@ -211,45 +200,34 @@ def match_level(
         z = impedance_from_reflection(found.replicates[:, :1].detach()).cpu()
         return z[:, 0], PER_NEPER * there.ratio(z)[:, 0].abs().log()
 
-    def matched(i: int) -> Tensor | str:
-        """The fields of the record at one frequency, or why there are none."""
+    for i, f in enumerate(frequency.tolist()):
 
-        def gap(place: float) -> float:
+        def gap(place: float, i: int = i) -> float:
             return float(at(place)[1][0, i])
 
+        if math.isnan(gap(0.0)):  # no pressure is known there
+            continue
         end = math.log(RANGE[int(gap(0.0) < 0)])
         within = gap(0.0) * gap(end) <= 0
         place = float(brentq(gap, min(0.0, end), max(0.0, end), xtol=1e-5)) if within else 0.0
         rate = (gap(place + STEP) - gap(place)) / STEP  # dB by a factor e
-        if not rate >= LEAST:
-            return f"the level check changes by {rate:.2g} dB by a factor e in the incoherent rms (limit {LEAST:g})"
-        if not within:
-            still = f"still {gap(end):+.2f} dB with {math.exp(end):g} times the incoherent velocity"
-            return f"the level check is {still}: model, level or phase-locked velocity are wrong"
-        (z, level), (beside, _) = ([each[:, i] for each in at(where)] for where in (place, place + STEP))
+        if rate < LEAST or not within:
+            why = f"changes by {rate:.2g} dB by a factor e in the incoherent rms (limit {LEAST:g})"
+            if rate >= LEAST:
+                why = f"is still {gap(end):+.2f} dB with {math.exp(end):g} times that rms: the model or level is wrong"
+            notes.append(Note("level-matched", f"{none} at {f:g} Hz: the level check {why}"))
+            continue
+        (z, level), beside = (each[:, i] for each in at(place)), at(place + STEP)[0][:, i]
         by, moved = (beside[0] - z[0]) / STEP, (level[0] - level) / rate  # the logarithm of each replicate's own share
-        values = torch.stack([z + by * moved, moved.to(z)], 1)
-        low = high = torch.full_like(values[0], complex(math.nan, math.nan))
+        values = torch.stack([z + by * moved, place + moved.to(z)], 1)
+        fields[0, :, i], rates[i] = values[0], rate
         if chosen.interval is not None and len(z) > 1:
             interval = jackknife(values, lengths / lengths.sum(), chosen.interval, ITSELF)
             away = torch.stack([by, torch.ones_like(by)]) * chosen.level_uncertainty / rate
-            low, high = (farther(values[0], each, away) for each in (interval.low, interval.high))
-        ends = torch.stack([values[0], low, high])
-        return torch.cat([ends[:, 0], (place + ends[:, 1]).exp(), torch.full_like(by, rate)[None]])
-
-    every = torch.full((7, len(frequency)), complex(math.nan, math.nan), dtype=torch.complex128)
-    for i, f in enumerate(frequency.tolist()):
-        if bool(torch.isfinite(there.pressure[0, i].abs())):
-            found = matched(i)
-            if isinstance(found, str):
-                notes.append(Note("level-matched", f"{none} at {f:g} Hz: {found}"))
-            else:
-                every[:, i] = found
-    (z, low, high), (share, least, most, rate) = every[:3], every[3:].real
-    return LevelMatched(z, low, high, share, least, most, rate, chosen.level_uncertainty), notes
-
-
-def farther(value: Tensor, bound: Tensor, away: Tensor) -> Tensor:
-    """A bound moved out by another error, real and imaginary parts apart: the root of the sum of squares."""
-    value, bound, away = map(torch.view_as_real, (value, bound, away))
-    return torch.view_as_complex(value + torch.copysign(torch.hypot(bound - value, away), bound - value))
+            ends = torch.stack([interval.low, interval.high])
+            # The two errors are independent: their squares add, of R, X and the share each.
+            value, away, ends = map(torch.view_as_real, (values[0], away, ends))
+            further = torch.copysign(torch.hypot(ends - value, away), ends - value)
+            fields[1:, :, i] = torch.view_as_complex(value + further)
+    (z, low, high), (share, least, most) = fields[:, 0], fields[:, 1].real.exp()
+    return LevelMatched(z, low, high, share, least, most, rates, chosen.level_uncertainty), notes

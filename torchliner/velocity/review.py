@@ -57,10 +57,8 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
     mean, square, rms = seen.mean.cpu(), seen.mean_square.cpu(), seen.rms.cpu()
     if len(faulty := (~torch.isfinite(square)).nonzero()):
         where = f"probe {plane.place(faulty[0])}, sample {plane.first_fault(int(faulty[0]))}"
-        text = (
-            f"{name} holds nan or inf at {len(faulty)} of {probes} probes, the first at {where}; repair them, or leave "
-        )
-        raise ValueError(f"{text}such probes out with missing='exclude' (--missing exclude)")
+        text = f"{name} holds nan or inf at {len(faulty)} of {probes} probes, the first at {where}; repair them, or "
+        raise ValueError(f"{text}leave such probes out with missing='exclude' (--missing exclude)")
     table = known.nodes.kinks if isinstance(known.nodes, Levels) else ()
     for averaging, sums in known.sums.items() if table else ():
         if len(beyond := torch.isnan(sums.sum((0, 1, 2))).nonzero()):  # above the end of the table of these moments
@@ -70,8 +68,7 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
             raise ValueError(f"{text}, above the liner's table, {table[-1]:g} m/s; extend it")
     sound, peak = float(plane.fluid.sound_speed), float(seen.peak.max())
     if peak > sound:
-        text = f"{name} reaches |v| = {peak:.4g} m/s, beyond the speed of sound, {sound:.4g} m/s"
-        raise ValueError(f"{text}; check the unit of the data")
+        raise ValueError(f"{name}: |v| = {peak:.4g} m/s is beyond the speed of sound, {sound:.4g} m/s; check the unit")
     if excluded := int((~used).sum()):
         yield Note("excluded-probes", f"{name}: {excluded} of {probes} probes hold nan or inf; excluded")
     flat = (square - mean**2 <= 1e-12 * square) & used
@@ -114,10 +111,8 @@ def review_sound(
         notes.append(Note("no-cell-pitch", text))
     away = 0.5 if quiet is None or quiet.height is None or not diameter else quiet.height / diameter
     if not NEAR[0] <= away <= NEAR[1]:
-        text = (
-            f"the rms without sound is that at {away:.2g} hole diameters, and it acts at half of one: give planes on "
-        )
-        notes.append(Note("background-height", f"{text}either side of it (--background LOW HIGH)"))
+        text = f"the rms without sound is that {away:.2g} hole diameters up, and it acts at half of one: give planes "
+        notes.append(Note("background-height", f"{text}on either side of it (--background LOW HIGH)"))
     tested = frequency if tone is None else frequency.new_tensor([tone])
     coherence = float(seen.coherence(tested, cells).nan_to_num(1).max()) if count > 2 else 1.0
     if coherence <= (limit := coherence_by_chance(max(count, 3), CHANCE)):
@@ -139,12 +134,10 @@ def review_sound(
         return notes, facts
     if ratio > LIMIT and known.settings["background"] is None:
         by, most = excess_resistance(known, liner, at_tone, ratio)
-        text = (
-            f"{name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {LIMIT:g}): v holds vortices of the jets that "
-        )
-        text += f"the sound makes. In resolved cases about {likely_share(ratio):.2g} +- {SCATTER:g} of the incoherent "
-        text += f"velocity acts at this ratio, so that R is probably too high by about {by:.2g} (up to {most:.2g}); "
-        notes.append(Note("velocity-ratio", f"{text}nothing is taken off: give a run without sound (--background)", by))
+        text = f"{name}: velocity ratio |V1|/(phi M c) = {ratio:.2g} (limit {LIMIT:g}): v holds vortices that the "
+        text += f"sound makes. In resolved cases {likely_share(ratio):.2g} +- {SCATTER:g} of the incoherent velocity "
+        text += f"acts, R is probably too high by {by:.2g} (up to {most:.2g}); give a run without sound (--background)"
+        notes.append(Note("velocity-ratio", text, by))
     other = frequency[(frequency / tone - 1).abs() >= SAME_FREQUENCY]
     if len(other) and known.settings["drive"] == "instantaneous":
         _, periodic, rest = parts_of_drive(known)
@@ -158,10 +151,9 @@ def review_sound(
 
 def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
     """How many values the phase rule ``self-consistent`` could not hold, bool (P, F)."""
-    if bool(held.all()):
-        return []
     text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {chosen.minimum_coherence:g}"
-    return [Note("phase-fell-back", f"self-consistent phase: {text} with the tone; they are 'averaged' instead")]
+    text = f"self-consistent phase: {text} with the tone; they are 'averaged' instead"
+    return [] if bool(held.all()) else [Note("phase-fell-back", text)]
 
 
 def review_answer(
@@ -175,10 +167,8 @@ def review_answer(
     name, total, blocks, error, notes = known.plane.name, int(known.used.sum()), known.survey.blocks, 0.0, list[Note]()
     if known.nodes is not None:
         error, speed = interpolation_error(known.nodes, liner, frequency, known.top_speed(liner))
-        text = (
-            f"{name}: the model-table error in R of {type(liner).__name__} is {error:.2g}, at |v| = {speed:.4g} m/s, "
-        )
-        text += f"from its values at {known.nodes.count} speeds (limit {LARGEST_MODEL_ERROR:g}): "
+        text = f"{name}: the model-table error in R of {type(liner).__name__} is {error:.2g} at |v| = {speed:.4g} m/s, "
+        text += f"from values at {known.nodes.count} speeds (limit {LARGEST_MODEL_ERROR:g}): "
         text += "reduce the data with this liner" if known.onto is None else "state its speed_max and speed_kinks"
         if error > LARGEST_MODEL_ERROR:
             raise ValueError(text)
@@ -193,24 +183,19 @@ def review_answer(
     if chosen.phase == "self-consistent":
         notes += fallen_back(paper.held, chosen)
     if chosen.interval is not None and blocks.count < FEWEST_BLOCKS:
-        text = f"{name}: no error bars, since the record holds {blocks.periods} whole periods; {FEWEST_BLOCKS} are "
-        notes.append(Note("no-intervals", f"{text}the least, 16 give a fair interval"))
+        text = f"{name}: no error bars from {blocks.periods} whole periods; {FEWEST_BLOCKS} are the least, 16 are fair"
+        notes.append(Note("no-intervals", text))
     if (interval := chief.interval) is None:
         return error, notes
     runs, width = float(interval.runs.min()), float(interval.widths.max())
     if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
         wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
-        text = f"{name}: the error bars rest on {runs:.2g} independent blocks; they are rough, and {wanted} periods "
-        text += f"instead of {blocks.periods} would give {FEWEST_RUNS}"
+        text = f"{name}: the error bars rest on {runs:.2g} independent blocks; {wanted} periods give {FEWEST_RUNS}"
         notes.append(Note("few-blocks", text, width / 2 if math.isfinite(width) else None))
-    for f, bias, scatter in zip(
-        frequency.tolist(), interval.bias.tolist(), interval.standard_error.tolist(), strict=True
-    ):
+    pairs = zip(frequency.tolist(), interval.bias.tolist(), interval.standard_error.tolist(), strict=True)
+    for f, bias, scatter in pairs:
         if max(abs(bias.real) - scatter.real, abs(bias.imag) - scatter.imag) > SMALLEST_WIDTH:
-            text = (
-                f"{name}: the mean of the probes' admittances is off by about {bias:+.2g} in Z at {f:g} Hz, more than "
-            )
-            text += "its standard error; the interval is without that bias, the value is not"
-            notes.append(Note("biased-mean", text, abs(bias)))
+            text = f"{name}: as a mean of admittances Z is off by about {bias:+.2g} at {f:g} Hz, beyond its standard "
+            notes.append(Note("biased-mean", f"{text}error; the bounds are without that bias", abs(bias)))
     return error, notes
