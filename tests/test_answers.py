@@ -35,6 +35,13 @@ def quiet_of(noise: float = 0.8, seed: int = 9, **facts) -> tl.VelocityPlane:
     return plane_of(0.0, noise, seed, frequency=None, source_side="none", incident_level=None, **facts)
 
 
+def broken() -> tl.VelocityPlane:
+    """A run without sound of which one sample is no number."""
+    plane = quiet_of(name="quiet.h5")
+    plane.velocity[3, 7] = torch.nan
+    return plane
+
+
 @pytest.fixture(scope="module")
 def liner():
     return tl.load_liner("lbm_orifice").replace(cell_pitch=PITCH)
@@ -65,6 +72,23 @@ def test_one_cell_stands_for_several(liner):
     assert len(found.choices["background"]["rms"]) == 1
 
 
+def test_cells_that_are_gone_leave_one_rms_for_the_others(liner):
+    """Their numbers are then not those of the quiet run; of that a probe that is left out counts for nothing."""
+    plane, quiet = plane_of(), quiet_of()
+    plane.velocity[:8], quiet.velocity[:8], quiet.velocity[12] = torch.nan, quiet.velocity[:8] / 2, torch.nan
+    found = tl.educe(plane, liner, background=quiet, missing="exclude").choices
+    rms = found["background"]["rms"]
+    assert rms == pytest.approx([0.4, 0.8], rel=0.05)
+    assert found["incoherent_scale"] == pytest.approx(sum(rms) / 2 / 1.5, rel=0.02)
+
+
+def test_the_tone_that_is_asked_for_counts_where_none_is_stated(liner):
+    plane, quiet = plane_of(), quiet_of()
+    stated = tl.educe(plane, liner, background=quiet)
+    asked = tl.educe(dataclasses.replace(plane, frequency=None), liner, TONE, background=quiet)
+    assert asked.choices["background"] == stated.choices["background"]
+
+
 def test_heights_are_interpolated_to_half_a_hole(liner):
     """Half of 1.2 mm lies in the middle of two planes at 0.5 and 0.7 mm: so does the rms."""
     one = liner.replace(cell_pitch=None, orifice_diameter=1.2e-3)
@@ -86,7 +110,8 @@ def test_heights_are_interpolated_to_half_a_hole(liner):
         (lambda: [quiet_of(), quiet_of(height=None)], ("heights",)),
         (lambda: 0.0, ("background", "above 0")),
         (lambda: torch.ones(3), ("background", "one number")),
-        (lambda: ["quiet.h5"], ("background is str",)),
+        (lambda: ["quiet.h5"], ("background", "'quiet.h5'", "planes")),
+        (lambda: broken(), ("quiet.h5 holds nan or inf at 1 of 16 probes", "probe (3,), sample 7")),
     ],
 )
 def test_backgrounds_that_are_refused(liner, given, words):

@@ -91,12 +91,10 @@ class LevelCheck:
         verdict = self.verdict(averaging, index)
         if verdict in ("", PASSES):
             return ""
+        text = f"level check at {frequency:g} Hz, {averaging}: {self.words(averaging, index)}, off {self.known}, limit "
+        text += f"{self.limit:.2g} dB or {self.limit * DEGREES_PER_DB:.2g} degrees: "
         tried = "give a run without sound (--background), calibrate the model, or take another height"
-        return (
-            f"level check at {frequency:g} Hz, {averaging}: {self.words(averaging, index)}, off {self.known}, limit "
-            f"{self.limit:.2g} dB or {self.limit * DEGREES_PER_DB:.2g} degrees: "
-            f"{'take a longer record' if verdict == INCONCLUSIVE else tried}"
-        )
+        return text + ("take a longer record" if verdict == INCONCLUSIVE else tried)
 
 
 @record

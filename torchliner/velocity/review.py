@@ -196,6 +196,6 @@ def review_answer(
     pairs = zip(frequency.tolist(), interval.bias.tolist(), interval.standard_error.tolist(), strict=True)
     for f, bias, scatter in pairs:
         if max(abs(bias.real) - scatter.real, abs(bias.imag) - scatter.imag) > SMALLEST_WIDTH:
-            text = f"{name}: as a mean of admittances Z is off by about {bias:+.2g} at {f:g} Hz, beyond its standard "
+            text = f"{name}: the mean of admittances is off by about {bias:+.2g} in Z at {f:g} Hz, beyond its standard "
             notes.append(Note("biased-mean", f"{text}error; the bounds are without that bias", abs(bias)))
     return error, notes
