@@ -20,7 +20,7 @@ import torch
 from scipy.optimize import brentq, brute
 
 import torchliner as tl
-from common import DATA, FIGURES, ROOT, options_of, page_table, parser_of, planes_of, write_tables
+from common import DATA, FIGURES, options_of, page_table, parser_of, planes_of, publish
 from studies.answers_figures import draw_background, draw_parity
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.drives import incoherent_square, phase_locked
@@ -46,8 +46,8 @@ NEAR_R, NEAR_X, PASSES = 0.15, 0.1, 0.3  # dB
 NEAR = 0.02  # relative, of the curve's constants, which have two digits
 
 
-def near(plane: tl.VelocityPlane, height: float) -> bool:
-    """Whether it is at a height, m."""
+def near(plane: Any, height: float) -> bool:
+    """Whether a plane, or a row of one, is at a height, m."""
     return abs((plane.height or 0) / height - 1) < 0.01
 
 
@@ -104,7 +104,7 @@ def answer_tables(rows: Sequence[Row]) -> dict[str, str]:
         true = format_complex(row.true)
         lines.append([row["case"], f"{1e3 * row['height']:.1f}", true, *cells, verdict])
     for height in HEIGHTS:
-        mine, cells = [row for row in rows if abs(row["height"] / height - 1) < 0.01 and not row["fitted"]], []
+        mine, cells = [row for row in rows if near(row, height) and not row["fitted"]], []
         for name in COLUMNS:
             there = [row for row in mine if row[name] == row[name]]
             close = sum(abs(row[name].imag - row.true.imag) <= NEAR_X for row in there)
@@ -241,17 +241,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(bool(differs(shares)))
     rows = [row_of(case, p) for case in CASES for p in planes_of(case) if any(near(p, height) for height in HEIGHTS)]
     needed = needed_rows()
-    tables = answer_tables(rows)
-    tables |= {"rule": rule_table(), "shares": share_table(shares)}
-    for name, text in tables.items():
-        print(f"\n{name}\n{text}")
+    tables = answer_tables(rows) | {"rule": rule_table(), "shares": share_table(shares)}
     files: dict[str, Rows] = {"parity": rows, "background": needed, "velocity_ratio": shares}
     for name, some in files.items():
         write_rows(table_of(some).as_rows(), options.output / f"{name}.csv", ".5g")
     draw_parity(rows, options.output / "parity.png")
     draw_background(needed, options.output / "background.png")
-    for page in ("validation.md", "background.md") if options.output == FIGURES else ():
-        write_tables(ROOT / "docs" / page, tables)
+    publish(tables, options.output, "validation.md", "background.md")
     return 0
 
 

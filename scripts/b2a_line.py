@@ -1,11 +1,10 @@
-"""The five configurations of table 2 as bursts that one can have: the chain of figures 9 to 12.
+"""The five configurations of table 2 as bursts that one can have: the chain of figures 10 to 12.
 
     python scripts/b2a_line.py [-o FOLDER] [--stations 120] [--seconds 10]
 
-No line of laser Doppler data above a liner is public. This writes files of bursts as they would be
-measured if the assumptions below held (``assumptions``: they stand on every figure) and runs
-``educe_bursts`` on the files. What follows tests the chain, and how much of the paper's trends
-these assumptions contain; it is no measurement.
+No line of laser Doppler data above a liner is public. This writes files of bursts as they would be measured if the
+assumptions below held (``assumptions``: they stand on every figure) and runs ``educe_bursts`` on the files. What
+follows tests the chain, and how much of the paper's trends these assumptions contain; it is no measurement.
 """
 
 import math
@@ -65,14 +64,12 @@ GROWING = tuple(case._replace(name=f"{case.name} growing", growth=GROWTH) for ca
 def assumptions(seconds: float) -> str:
     """What is assumed, in words."""
     return (
-        f"SIMULATED bursts ({seconds:g} s, Poisson, {RATE / 1e3:g} kHz after {100 * VALIDATED:g} % "
-        "validation). Assumed: Gaussian turbulence, alike along x,\n"
-        f"spectrum of a channel LES scaled with $y/u_\\tau$, $v'$ = {V_PLUS:g} $u_\\tau$, "
-        f"$u_\\tau$ = {FRICTION[0.3]:g} m/s at Mach 0.3 and {FRICTION[0.1]:.2f} at 0.1; no steady "
-        "$v_0$; one incident wave\ndecaying by the lined duct's mode (uniform flow, Ingard-Myers); "
-        "$v = p/(\\rho c Z)$, spread over a 3 x 3 grid of holes\n"
-        f"({1e3 * HOLE_SPACING:.3g} mm apart, none in the middle) by potential flow up to the "
-        "height $y$."
+        f"SIMULATED bursts ({seconds:g} s, Poisson, {RATE / 1e3:g} kHz after {100 * VALIDATED:g} % validation). "
+        "Assumed: Gaussian turbulence, the same along x, spectrum of a channel LES scaled with $y/u_\\tau$, "
+        f"$v'$ = {V_PLUS:g} $u_\\tau$, $u_\\tau$ = {FRICTION[0.3]:g} m/s at Mach 0.3 and {FRICTION[0.1]:.2f} at 0.1; "
+        "no steady $v_0$; one incident wave decaying by the lined duct's mode (uniform flow, Ingard-Myers); "
+        f"$v = p/(\\rho c Z)$, spread over a 3 x 3 grid of holes ({1e3 * HOLE_SPACING:.3g} mm apart, none in "
+        "the middle) by potential flow up to $y$."
     )
 
 
@@ -159,6 +156,9 @@ def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, sta
     pressure = pressure_amplitude_from_spl(case.level) * np.exp(-1j * wavenumber * way)
     velocity = pressure / (tl.Fluid().characteristic_impedance * z)
     velocity = velocity * imprint(places, case.height, liner.cell_pitch, liner.orifice_diameter)
+    about: Any = {"y": case.height, "z": 6.34e-3, "frequency": FREQUENCY, "mach": case.mach, "source_side": case.side}
+    about |= {"incident_level": case.level, "displacement_thickness": DISPLACEMENT, "liner": "onera"}
+    about |= {"provenance": {"simulated": assumptions(seconds)}}
     for i, (x, amplitude) in enumerate(zip(places, velocity, strict=True)):
         seed = int(1e5 * case.mach) + 1000 * round(case.level) + 7919 * i + len(case.side)
         generator = np.random.default_rng(seed)
@@ -167,21 +167,8 @@ def write_case(case: Case, liner: Any, turbulence: Turbulence, folder: Path, sta
         # Into the liner is -v.
         values -= np.abs(amplitude) * np.cos(2 * np.pi * FREQUENCY * times + np.angle(amplitude))
         valid = generator.random(len(times)) < VALIDATED
-        record = tl.BurstRecord(
-            times[valid],
-            wall_normal=values[valid],
-            x=float(x),
-            y=case.height,
-            z=6.34e-3,
-            frequency=FREQUENCY,
-            mach=case.mach,
-            incident_level=case.level,
-            source_side=case.side,
-            displacement_thickness=DISPLACEMENT,
-            liner="onera",
-            title=f"x{1e3 * x:.1f}",
-            provenance={"simulated": assumptions(seconds)},
-        )
+        about |= {"x": float(x), "title": f"x{1e3 * x:.1f}"}
+        record = tl.BurstRecord(times[valid], wall_normal=values[valid], **about)
         record.write(folder / f"station_{i:03d}.h5")
 
 
@@ -195,19 +182,6 @@ def parts_of(found: Any, name: str) -> dict[str, np.ndarray]:
 def rise(line: tl.ImpedanceLine, part: str) -> float:
     """Of R or X along the liner, by a straight line."""
     return float(np.polyfit(line.x.numpy(), fig.part_of(line.impedance[:, 0], part), 1)[0] * LENGTH)
-
-
-def velocity_figure(lines: Sequence[tl.ImpedanceLine], labels: Sequence[str]) -> fig.Figure:
-    """Mean and rms of the wall-normal velocity along the line (figure 9)."""
-    figure, axes = fig.subplots(1, 2, 3.2)
-    panels = (("mean_velocity", "$v_0$ (m s$^{-1}$)"), ("velocity_rms", f"{fig.V_RMS} (m s$^{{-1}}$)"))
-    for axis, (key, text) in zip(axes[0], panels, strict=True):
-        for i, (line, label) in enumerate(zip(lines, labels, strict=True)):
-            axis.plot(1e3 * line.x, getattr(line, key), **fig.colour_of(i, label, linewidth=0.9))
-        axis.set(xlabel=fig.X_MM, ylabel=text)
-    axes[0, 1].set_ylim(bottom=0)
-    fig.legend_below(figure, axes[0, 0], 3)
-    return figure
 
 
 def averages_figure(lines: dict[str, tl.ImpedanceLine]) -> fig.Figure:
@@ -238,44 +212,31 @@ def averages_figure(lines: dict[str, tl.ImpedanceLine]) -> fig.Figure:
 
 @fig.styled
 def draw(lines: dict[str, tl.ImpedanceLine], folder: Path, seconds: float) -> None:
-    """Figures 9 to 12, each with the assumptions in its caption."""
-    first = [lines[case.name] for case in CASES]
+    """Figures 10 to 12, each with the assumptions in its caption."""
     labels = [f"{c.name}: Mach {c.mach:g}, {c.level:g} dB, {c.side}" for c in CASES]
-    names = (case.name for case in (*CASES[:3], HIGH, *CASES[3:]))
+    along = draw_lines([lines[case.name] for case in CASES], labels=labels)
+    heights = draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"])
+    averages = averages_figure({case.name: lines[case.name] for case in (*CASES[:3], HIGH, *CASES[3:])})
     for name, figure, caption in (
-        ("velocity", velocity_figure(first, labels), "wall-normal velocity, y = 1 mm"),
-        ("impedance", draw_lines(first, labels=labels), "liner onera, 1500 Hz, y = 1 mm"),
-        (
-            "heights",
-            draw_lines([lines["3"], lines[HIGH.name]], labels=["y = 1 mm", "y = 2.5 mm"]),
-            "configuration 3 at two heights",
-        ),
-        (
-            "averages",
-            averages_figure({name: lines[name] for name in names}),
-            "admittance averages (5.2) by configuration",
-        ),
+        ("impedance", along, "liner onera, 1500 Hz, y = 1 mm"),
+        ("heights", heights, "configuration 3 at two heights"),
+        ("averages", averages, "admittance averages (5.2) by configuration"),
     ):
         fig.finish(figure, folder / f"b2a_{name}.png", f"{caption}; {assumptions(seconds)}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = parser_of(__doc__, FIGURES)
-    parser.add_argument("--stations", type=int, default=120)
-    parser.add_argument("--seconds", type=float, default=10.0)
-    options = options_of(parser, arguments)
+    options = options_of(parser_of(__doc__, FIGURES, stations=120, seconds=10.0), arguments)
     if options.seconds < 2.6:
-        parser.error("--seconds is too short for intervals; four segments of 1 s take 2.5 s")
+        sys.exit("--seconds is too short for intervals; four segments of 1 s take 2.5 s")
     liner, turbulence = tl.load_liner("onera"), Turbulence()
-    lines: dict[str, tl.ImpedanceLine] = {}
-    stations = []
+    lines, stations = dict[str, tl.ImpedanceLine](), list[dict[str, Any]]()
     for case in (*CASES, HIGH, *GROWING):
         with tempfile.TemporaryDirectory() as place:
             write_case(case, liner, turbulence, Path(place), options.stations, options.seconds)
             line = lines[case.name] = tl.educe_bursts(place, liner, phase="averaged")
         for x, z in zip(line.x.tolist(), line.impedance[:, 0].tolist(), strict=True):
-            values = zip(("x (m)", "resistance", "reactance"), (x, z.real, z.imag), strict=True)
-            stations.append({"configuration": case.name, **{name: f"{value:.6g}" for name, value in values}})
+            stations.append({"configuration": case.name, "x (m)": x, "resistance": z.real, "reactance": z.imag})
         average: Any = line.average
         mean = parts_of(average, "resistance")
         decay = 20 * math.log10(math.e) * abs(wave_of(case, liner)[1].imag) * LENGTH
@@ -287,10 +248,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     added = [tl.goodrich_resistance(m, 0.0395, DISPLACEMENT, 0.991e-3) for m in (0.1, 0.3)]
     third, fourth = (float(parts_of(lines[name].average, "resistance")["z"]) for name in "34")
-    print(
-        f"from configuration 3 to 4: R {fourth - third:+.3f}, Goodrich {added[1] - added[0]:+.3f}, paper 0.94 to 1.12"
-    )
-    write_rows(stations, options.output / "b2a_stations.csv")
+    rises = f"R {fourth - third:+.3f}, Goodrich {added[1] - added[0]:+.3f}, paper 0.94 to 1.12"
+    print(f"from configuration 3 to 4: {rises}")
+    write_rows(stations, options.output / "b2a_stations.csv", ".6g")
     draw(lines, options.output, options.seconds)
     return 0
 

@@ -10,9 +10,8 @@ lattice. Then every case is predicted in every averaging at every height.
 import functools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torchliner as tl
 from common import planes_of, run_study
@@ -25,8 +24,7 @@ FREE = {"vena_contracta": (0.2, 1.0)}
 RULE = "phase-locked"
 
 
-@dataclass(frozen=True)
-class Fit:
+class Fit(NamedTuple):
     """Cases without flow that one contraction coefficient is fitted to, and those it predicts."""
 
     name: str
@@ -54,10 +52,8 @@ def rows_of(fit: Fit) -> list[Row]:
     print(f"{fit.name}: {float(found.values[0]):.3f} +- {float(found.standard[0]):.3f}")
     for case in (*fit.fitted, *fit.predicted):
         for plane in planes_of(case):
-            before, after = (
-                tl.educe(plane, liner, interval=None, allow_short=True)
-                for liner in (tl.load_liner(plane.liner), found.liner)
-            )
+            liners = tl.load_liner(plane.liner), found.liner
+            before, after = (tl.educe(plane, liner, interval=None, allow_short=True) for liner in liners)
             check = after.level_check
             for i, name in enumerate(after.averagings):
                 level = float("nan") if check is None else float(check.liner.level[i, 0])

@@ -16,11 +16,16 @@ DATA, FIGURES, RESULTS = ROOT / "data", ROOT / "docs" / "figures", ROOT / "resul
 BLOCK = re.compile(r"<!-- table (\w+) -->\n(.*?)\n?<!-- end -->", re.DOTALL)  # of a page: name, table
 
 
-def parser_of(doc: str | None, output: Path | None = None) -> argparse.ArgumentParser:
-    """A parser that says what the script is for; with ``output``, -o names a folder."""
+def parser_of(doc: str | None, output: Path | None = None, **numbers: Any) -> argparse.ArgumentParser:
+    """A parser that says what the script is for; with ``output``, -o names a folder; ``numbers``: options by name with
+    their default, a number or a list of them."""
     parser = argparse.ArgumentParser(description=(doc or "").split("\n")[0])
     if output is not None:
         parser.add_argument("-o", "--output", type=Path, default=output, help="folder")
+    for name, value in numbers.items():
+        several = isinstance(value, list)
+        how: Any = {"type": type(value[0] if several else value), "nargs": "+" if several else None}
+        parser.add_argument(f"--{name}", default=value, help=f"default {value}", **how)
     return parser
 
 
@@ -63,13 +68,15 @@ def tables_of(page: Path) -> dict[str, str]:
     return dict(BLOCK.findall(page.read_text(encoding="utf-8")))
 
 
-def write_tables(page: Path, tables: Mapping[str, str]) -> None:
-    """The tables into their page."""
+def publish(tables: Mapping[str, str], folder: Path, *pages: str) -> None:
+    """Print tables by name; where the folder of a study is docs/figures, put them into their pages of docs/, too."""
 
     def put(found: re.Match[str]) -> str:
         return f"<!-- table {found[1]} -->\n{tables.get(found[1], found[2])}\n<!-- end -->"
 
-    page.write_text(BLOCK.sub(put, page.read_text(encoding="utf-8")), encoding="utf-8")
+    print("", *(f"{name}\n{text}\n" for name, text in tables.items()), sep="\n")
+    for page in (ROOT / "docs" / each for each in pages if folder == FIGURES):
+        page.write_text(BLOCK.sub(put, page.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def run_study(
@@ -95,10 +102,8 @@ def run_study(
     table.write_csv(options.output / f"{stem}.csv")
     if draw is not None:
         draw(rows, options.output / f"{stem}.png")
-    for name, text in ({} if tables is None else tables(rows)).items():
-        print(f"\n{name}\n{text}")
-        if options.output == FIGURES:
-            write_tables(ROOT / "docs" / f"{stem}.md", {name: text})
+    if tables is not None:
+        publish(tables(rows), options.output, f"{stem}.md")
     print(f"{len(rows)} rows are in {options.output / stem}.csv")
     return 0
 

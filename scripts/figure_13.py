@@ -45,12 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         walls["b2a"].append((f"source {side}, Z(x) of simulated bursts", side, educed_profile(LINES[side])))
         for label, factor in HEIGHTS.items():
             walls["ufsc"].append((f"{side}, {label}", side, complex(factor * ASSUMED.real, ASSUMED.imag)))
-    titles = {
-        "b2a": "B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite wall",
-        "ufsc": f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED",
-    }
     rows = []
-    for name, picture in (("b2a", "figure_13"), ("ufsc", "figure_18")):
+    for name, picture, title in (
+        ("b2a", "figure_13", "B2A, Mach 0.3, 1500 Hz, 145 dB incident at the liner; opposite wall"),
+        ("ufsc", "figure_18", f"UFSC/PoliTo, Mach 0.3, 1400 Hz; Z = {ASSUMED:.2f} is ASSUMED"),
+    ):
         waves = []
         for label, side, z in walls[name]:
             setup = tl.load_duct(name, source_side=side)
@@ -62,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             about = {"case": f"{name}, {label}", "source": side}
             rows += [about | {"x (m)": float(x), "SPL (dB)": float(s), "phase (deg)": float(a)} for x, s, a in heard]
         path, liner = options.output / f"{picture}.png", setup.case.liner
-        draw_pressures(waves, path, titles[name], liner=liner, markers="at the microphones")
+        draw_pressures(waves, path, title, liner=liner, markers="at the microphones")
     write_rows(rows, options.output / "figure_13_18.csv")
     return 0
 

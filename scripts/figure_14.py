@@ -2,11 +2,10 @@
 
     python scripts/figure_14.py [-o FOLDER] [--draws 500]
 
-Pressures at the microphones of B2A and of UFSC's rig by the linearised Euler equations in sheared
-flow, sources on both sides, with errors of 0.1 dB and 0.1 degrees; educed with uniform flow, as in
-the paper, and by a fit of the equations. B2A has the paper's local impedances; UFSC's is ASSUMED
-(the paper gives it as a picture). Its measured pressures are not public: crosses are what it educed
-from them.
+Pressures at the microphones of B2A and of UFSC's rig by the linearised Euler equations in sheared flow, sources on both
+sides, with errors of 0.1 dB and 0.1 degrees; educed with uniform flow, as in the paper, and by a fit of the equations.
+B2A has the paper's local impedances; UFSC's is ASSUMED (the paper gives it as a picture). Its measured pressures are
+not public: crosses are what it educed from them.
 """
 
 import sys
@@ -86,15 +85,7 @@ def draw(facility: Facility, sides: dict[str, Educed], path: Path) -> fig.Figure
         ):
             drawn, z = found.draws.impedance[:, 0], complex(found.impedance[0])  # type: ignore[union-attr]
             plane.plot(drawn.real, drawn.imag, ".", color=colour, markersize=1.5, alpha=0.4)
-            plane.plot(
-                z.real,
-                z.imag,
-                linestyle="none",
-                marker=marker,
-                color=colour,
-                markeredgecolor="k",
-                label=f"{name}, {side}",
-            )
+            plane.plot(z.real, z.imag, marker, color=colour, markeredgecolor="k", label=f"{name}, {side}")
         plane.plot(paper.real, paper.imag, "x", color=fig.COLOURS[i], markersize=7, label=f"paper, {side}")
         plane.plot(known.real, known.imag, "*", color="k", markersize=8, zorder=5, label=None if i else "true")
         (x, fitted), line = one.by_modes.fitted_along(), one.line
@@ -147,9 +138,7 @@ def levels(facility: Facility, side: str, one: Educed) -> list[dict[str, Any]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = parser_of(__doc__, FIGURES)
-    parser.add_argument("--draws", type=int, default=500)
-    options = options_of(parser, arguments)
+    options = options_of(parser_of(__doc__, FIGURES, draws=500), arguments)
     found, heard = [], []
     for facility in FACILITIES:
         sides = {side: educed(facility, side, options.draws) for side in SIDES}

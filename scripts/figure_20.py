@@ -22,7 +22,7 @@ from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.io.csv_rows import write_rows
-from torchliner.report.figure import COLOURS, LINES, MARKERS, PARTS, Figure, finish, styled, subplots
+from torchliner.report.figure import MARKERS, X_MM, Y_MM, Figure, colour_of, draw_parts, finish, panels_of, styled
 
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m
 PATCH, SHARE, TRUE = 0.2, 0.25, 0.8
@@ -68,30 +68,26 @@ def homogenised(field: Any, window: tuple[float, float]) -> np.ndarray:
     return np.array(found)
 
 
-@styled
 def draw_heights(curves: dict[str, np.ndarray], path: Path) -> Figure:
     """Figure 21, with the control."""
-    figure, axes = subplots(1, 2, 3.3)
-    for axis, (_, label), kind in zip(axes[0], PARTS, ("real", "imag"), strict=True):
-        for i, (name, z) in enumerate(curves.items()):
-            style: Any = {"marker": MARKERS[i % len(MARKERS)], "markerfacecolor": "none", "markersize": 3 + 0.5 * i}
-            style |= {"color": COLOURS[i % len(COLOURS)], "linestyle": LINES[i]}
-            axis.plot(1e3 * HEIGHTS, getattr(z, kind), label=name, **style)
-        axis.axhline(TRUE if kind == "real" else 0.0, color="k", linewidth=0.8)
-        axis.set(xlabel="$y$ (mm)", ylabel=label)
-    return finish(figure, path, "no flow, 1500 Hz; black: 1 / mean admittance of the wall", legend=2)
+    drawn = []
+    for i, (label, z) in enumerate(curves.items()):
+        look = colour_of(i, label, marker=MARKERS[i], markerfacecolor="none", markersize=3 + 0.5 * i)
+        drawn.append({"x": 1e3 * HEIGHTS, "y": z} | look)
+    known, size = {"1 / mean admittance of the wall": complex(TRUE)}, {"height": 3.3, "legend": 2}
+    return draw_parts(drawn, Y_MM, path, "no flow, 1500 Hz", references=known, poles=None, **size)
 
 
 @styled
 def draw_velocity(field: Any, path: Path) -> Figure:
     """Figure 20: |v| above some patches in the middle of the liner."""
-    figure, axes = subplots(1, 1, 2.2)
+    figure, (axis,) = panels_of(1, 2.2)
     x, y = np.linspace(0.06, 0.09, 301), np.linspace(0, 6e-3, 61)
     grid = np.meshgrid(x, y)
     speed = np.abs(field.at(grid[0].ravel(), grid[1].ravel())[2][0].detach().numpy()).reshape(grid[0].shape)
-    drawn = axes[0, 0].pcolormesh(1e3 * x, 1e3 * y, speed, cmap="cividis", shading="gouraud", rasterized=True)
-    figure.colorbar(drawn, ax=axes[0, 0], label="$|v|$ (m s$^{-1}$)")
-    axes[0, 0].set(xlabel="$x$ (mm)", ylabel="$y$ (mm)")
+    drawn = axis.pcolormesh(1e3 * x, 1e3 * y, speed, cmap="cividis", shading="gouraud", rasterized=True)
+    figure.colorbar(drawn, ax=axis, label="$|v|$ (m s$^{-1}$)")
+    axis.set(xlabel=X_MM, ylabel=Y_MM)
     return finish(figure, path, f"patches of 1 mm, Z = {PATCH:g}, gaps of 3 mm; {LEVEL:g} dB incident")
 
 

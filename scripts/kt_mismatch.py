@@ -118,49 +118,15 @@ def ends_and_gradients() -> list[Row]:
     return rows
 
 
-def rows_of() -> list[Row]:
-    """All of it."""
-    return [*flows_and_lengths(), *ranks_and_noise(), *ends_and_gradients()]
-
-
 def of(rows: Sequence[Row], study: str, side: str, method: str) -> list[Row]:
     """Of one curve."""
     return [r for r in rows if (r.study, r.source, r.method) == (study, side, method)]
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """Four pictures."""
-    for picture in (draw_truth, draw_length, draw_choices, draw_ends):
+    """Three pictures."""
+    for picture in (draw_length, draw_choices, draw_ends):
         picture(rows, path.with_name(f"kt_{picture.__name__.removeprefix('draw_')}.png"))
-
-
-@fig.styled
-def draw_truth(rows: Sequence[Row], path: Path) -> fig.Figure:
-    """Figure 14a with a known impedance: what each method makes of one impedance, by flow."""
-    figure, axes = fig.subplots(1, 2, 3.4)
-    for axis, (method, title) in zip(axes[0], (("KT", "KT, rank 2"), ("two waves", "two-wave fit")), strict=True):
-        for flow, marker in zip(FLOWS, fig.MARKERS, strict=False):
-            points = [of(rows, f"length, {flow}", side, method)[LENGTHS.index(0.15)].impedance for side in SIDES]
-            axis.plot(np.real(points), np.imag(points), "-", color="0.6", linewidth=0.8, zorder=1)
-            for side, z in zip(SIDES, points, strict=True):
-                label = f"{FLOW_WORDS.get(flow, flow)}, {side}"
-                axis.plot(z.real, z.imag, linestyle="none", marker=marker, color=DARK[side], label=label, zorder=3)
-        for side, z in PAPER.items():
-            axis.plot(
-                z.real, z.imag, linestyle="none", marker="x", color=DARK[side], markersize=7, label=f"paper, {side}"
-            )
-        axis.plot(
-            TRUE.real,
-            TRUE.imag,
-            linestyle="none",
-            marker="*",
-            color="k",
-            markersize=10,
-            label="known Z, and LEE fit",
-            zorder=4,
-        )
-        axis.set(**fig.PLANE, xlim=(0.8, 3.4), ylim=(-0.8, 0.4), title=title)
-    return fig.finish(figure, path, "one impedance, 2.33-0.30j; B2A, Mach 0.3, 1500 Hz, liner 150 mm", legend=3)
 
 
 def draw_length(rows: Sequence[Row], path: Path) -> fig.Figure:
@@ -224,7 +190,8 @@ def draw_ends(rows: Sequence[Row], path: Path) -> fig.Figure:
     return fig.finish(figure, path, "sheared flow, liner 150 mm; one fit leaves the scale in (a), (b)")
 
 
-main = functools.partial(run_study, __doc__, "kt_mismatch", rows_of, draw)
+STUDIES = (flows_and_lengths, ranks_and_noise, ends_and_gradients)
+main = functools.partial(run_study, __doc__, "kt_mismatch", lambda: [row for rows in STUDIES for row in rows()], draw)
 
 
 if __name__ == "__main__":

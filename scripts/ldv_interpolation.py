@@ -85,11 +85,9 @@ def closed_forms(rate: Any) -> dict[str, Any]:
 def factors(number: int, rate: float) -> dict[str, float]:
     """|G| of drawn arrivals by method."""
     times = Flow(LONG, number).arrivals(rate)
-    found = {
-        method: tone_attenuation(onto_grid(times, times, method=method, frequency=FREQUENCY), FREQUENCY).factor
-        for method in GRID_METHODS
-    }
-    return {f"factor, {method}": float(factor.abs().squeeze()) for method, factor in found.items()}
+    signals = {method: onto_grid(times, times, method=method, frequency=FREQUENCY) for method in GRID_METHODS}
+    found = {f"factor, {method}": tone_attenuation(each, FREQUENCY).factor for method, each in signals.items()}
+    return {name: float(factor.abs().squeeze()) for name, factor in found.items()}
 
 
 def fit_at_arrivals(times: Tensor, values: Tensor) -> complex:

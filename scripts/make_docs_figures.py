@@ -3,8 +3,6 @@
 python scripts/make_docs_figures.py
 """
 
-import warnings
-
 from matplotlib.patches import Circle
 
 import b2a_line
@@ -17,7 +15,7 @@ import ldv_interpolation
 import side_by_side
 import torchliner as tl
 import validation_page
-from common import DATA, FIGURES, plane_files
+from common import DATA, FIGURES, options_of, parser_of, plane_files
 from torchliner.cli.main import main as torchliner
 from torchliner.report.curves import draw_along_x
 from torchliner.report.maps import draw_map
@@ -30,8 +28,7 @@ def maps_of(case: str) -> list[tl.ImpedanceMap]:
 
 
 def main() -> None:
-    warnings.simplefilter("ignore", tl.DataWarning)
-    FIGURES.mkdir(parents=True, exist_ok=True)
+    options_of(parser_of(__doc__))
     draw_along_x(maps_of("slit_n130"), FIGURES / "slit_n130_along_x.png")
     beside = tl.in_situ(tl.read_pressure(DATA / "pressure_g03_145.h5"))
     both = [found.with_alongside(beside) for found in maps_of("slit_g03_145")]
@@ -40,10 +37,8 @@ def main() -> None:
     for axis in figure.axes[:2]:
         axis.add_patch(Circle((2.214, 2.214), 0.6, fill=False, color="tab:orange"))  # the hole, mm
     figure.savefig(FIGURES / "orifice_o145_map.png")
-    n130, o145 = (
-        [str(DATA / f"{case}_y{height}mm.h5") for height in heights]
-        for case, heights in (("slit_n130", ("2.5", "1.0")), ("orifice_o145", ("2.5", "1.0", "0.5")))
-    )
+    n130 = [str(DATA / f"slit_n130_y{height}mm.h5") for height in ("2.5", "1.0")]
+    o145 = [str(DATA / f"orifice_o145_y{height}mm.h5") for height in ("2.5", "1.0", "0.5")]
     for words, picture in (
         (["insitu", str(DATA / "pressure_n130.h5"), "--figure"], "in_situ_n130.png"),
         (["height", *map(str, plane_files("slit_n130_y*.h5")), "--figure"], ""),

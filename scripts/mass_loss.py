@@ -21,7 +21,7 @@ from calibrate_without_flow import FITS, RULE, calibrated
 from common import planes_of, run_study
 from torchliner.liners.sdof import EndLossSDoFLiner
 from torchliner.names import AVERAGINGS
-from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, styled, subplots
+from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, panels_of, styled
 from torchliner.studies.variants import Row
 
 CASES = tuple(case for fit in FITS for case in (*fit.fitted, *fit.predicted))
@@ -140,8 +140,8 @@ def rows_of() -> list[Row]:
 @styled
 def draw(rows: Sequence[Row], path: Path) -> Figure:
     """Predicted against reference X, the band that is asked for in grey, each case named once."""
-    figure, axes = subplots(1, 1, 3.6)
-    axis, laws, ends = axes[0, 0], [PAPER, "in |v|: A, B", CHOSEN], np.array([-0.95, 0.0])
+    figure, (axis,) = panels_of(1, 3.6)
+    laws, ends = [PAPER, "in |v|: A, B", CHOSEN], np.array([-0.95, 0.0])
     axis.fill_between(ends, ends - WITHIN, ends + WITHIN, color="0.92", label=f"within {WITHIN:g}")
     axis.plot(ends, ends, color="k", linewidth=0.8, label="equal")
     for k, law in enumerate(laws):

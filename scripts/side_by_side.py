@@ -278,16 +278,12 @@ def draw(rows: Rows, profiles: Rows, path: Path) -> fig.Figure:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = parser_of(__doc__, FIGURES)
-    parser.add_argument("--seconds", type=float, default=4.0, help="of planes and bursts")
-    parser.add_argument("--stations", type=int, default=24, help="of laser Doppler bursts")
-    options = options_of(parser, arguments)
+    options = options_of(parser_of(__doc__, FIGURES, seconds=4.0, stations=24), arguments)
     liner, noise = tl.load_liner("onera"), Turbulence()
     x = (np.arange(PLACES) + 0.5) * LENGTH / PLACES
     times = np.arange(round(options.seconds * RATE)) / RATE
     hydrodynamic = hydrodynamic_pressure(noise, times)
-    rows: Rows = []
-    profiles: Rows = []
+    rows, profiles = list[Row](), list[Row]()
     for name, growth in WORLDS.items():
         turbulence = np.stack([noise.above(times, place, MACH, growth, 5000 + i) for i, place in enumerate(x)])
         for side in SIDES:

@@ -16,9 +16,9 @@ from typing import Any
 from scipy.optimize import brentq
 
 import torchliner as tl
-from common import DATA, FIGURES, ROOT, options_of, page_table, parser_of, planes_of, write_tables
+from common import DATA, FIGURES, ROOT, options_of, page_table, parser_of, planes_of, publish
 from studies.limits import hole_velocity, reach, speed_that_gives
-from studies.validation import DEFAULT, errors_by_rule, validate, validation_row
+from studies.validation import DEFAULT, median_error, validate, validation_row
 from studies.validation_figures import FASTEST, draw_reach, draw_validation_errors
 from torchliner.io.csv_rows import write_rows
 from torchliner.names import AVERAGINGS
@@ -39,11 +39,9 @@ CHECKED = "phase-locked"  # the averaging whose level check the page shows
 PAIRS = ("for_resistance", "for_reactance", "factor", "contraction")
 
 
-def liner_of(case: str) -> tl.SDoFLiner:
+def liner_of(case: str) -> Any:
     """The preset that stands for a case."""
-    liner = tl.load_liner(planes_of(case)[0].liner)
-    assert isinstance(liner, tl.SDoFLiner)
-    return liner
+    return tl.load_liner(planes_of(case)[0].liner)
 
 
 def rows_of(case: str, planes: Sequence[tl.VelocityPlane] | None = None) -> list[Row]:
@@ -130,7 +128,6 @@ def reason_of(case: str) -> Row:
 def rule_table(rows: Sequence[Row]) -> str:
     """Median |dR|, |dX| of the rules that differ, by groups of cases."""
     groups = [[row for row in rows if row.case in cases] for cases in GROUPS.values()]
-    found = [{(e.drive, e.mean, e.phase, e.averaging): e for e in errors_by_rule(g)} for g in groups]
     shown = {
         f"instantaneous, {DEFAULT[2]}": DEFAULT,
         "instantaneous, self-consistent": ("instantaneous", "kept", "self-consistent"),
@@ -139,7 +136,7 @@ def rule_table(rows: Sequence[Row]) -> str:
     lines = []
     for words, rule in shown.items():
         for averaging in AVERAGINGS:
-            cells = [errors[*rule, averaging].median for errors in found]
+            cells = [median_error(group, rule, averaging) for group in groups]
             lines.append([words, averaging, *(f"{c.real:.3f}, {c.imag:.3f}" for c in cells)])
     return page_table(" | ".join(["drive, phase", "averaging", *GROUPS]), lines)
 
@@ -191,10 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     draw_reach(panels, folder / "validation_reach.png")
     rows = read_rows(folder / "validation_errors.csv")  # so that the tables follow from the file
     tables = {"default": default_table(rows), "rules": rule_table(rows), **reason_tables(reasons)}
-    for name, text in tables.items():
-        print(f"\n{name}\n{text}")
-    if folder == FIGURES:
-        write_tables(PAGE, tables)
+    publish(tables, folder, PAGE.name)
     return 0
 
 

@@ -4,8 +4,8 @@
 
 Mode 0 of a duct of 150 x 50 mm lined throughout with Z = 2.33-0.30j, at 1500 Hz, enters at one end of the linearised
 Euler equations, leaves at the other and is known there exactly, from the collocation of the Pridmore-Brown equation.
-The error of p should fall with the element size to the power p + 1. Then the wavenumbers, and a liner between rigid
-walls against 40 matched modes.
+The error of p should fall with the element size to the power p + 1. Then a liner between rigid walls against 40 matched
+modes.
 """
 
 import functools
@@ -23,7 +23,6 @@ from oracles.mode_matching import match_modes
 from torchliner.checks import DataWarning
 from torchliner.duct.case import DuctCase
 from torchliner.duct.columns import Basis
-from torchliner.duct.dispersion import impedance_from_wavenumber, wavenumber_from_impedance
 from torchliner.duct.flow_profiles import Array, MeanFlow, TanhProfile, UniformProfile
 from torchliner.duct.mesh import DuctMesh
 from torchliner.duct.modes import DuctModes, duct_modes
@@ -34,7 +33,6 @@ HEIGHT, LENGTH, FREQUENCY, TRUE = 50e-3, 0.15, 1500.0, 2.33 - 0.30j
 # The derivatives of a layer of shear 0.5 stay small enough for the order to be seen on coarse meshes.
 CASES: dict[str, MeanFlow] = {"no flow": UniformProfile(0.0, HEIGHT), "sheared": TanhProfile(0.3, HEIGHT, 0.5)}
 MESHES = ((4, 2), (8, 4), (16, 8), (32, 16))
-PUBLISHED = 21.45776 - 2.51104j  # c 343 m/s, M 0.3, Ingard-Myers, downstream
 LEAST = 0.5  # by which the last step may miss p + 1: with upwind fluxes p + 1/2 is sure
 
 
@@ -103,29 +101,18 @@ def checks(rows: Sequence[dict[str, Any]]) -> dict[str, tuple[float, float]]:
         found[f"order {degree + 1} with degree {degree}, {flow}: misses by"] = degree + 1 - row["order"], LEAST
         if (flow, degree) == ("no flow", 4):
             found["no flow, degree 4, 32 x 16: relative error of p"] = row["error"], 1e-9
-    about: dict[str, Any] = {"height": HEIGHT, "mach": 0.3, "sound_speed": 343.0}
-    alpha = wavenumber_from_impedance(torch.tensor(TRUE, dtype=torch.complex128), FREQUENCY, **about)
-    back = impedance_from_wavenumber(alpha, FREQUENCY, **about)
-    flow = UniformProfile(0.3, HEIGHT, sound_speed=343.0)
-    solved = duct_modes(flow, FREQUENCY, TRUE, count=1, slip_condition="ingard-myers").wavenumber
     # Rigid-lined-rigid without flow, on the opposite wall.
     places = np.linspace(-0.05, 0.2, 26)
     case = DuctCase(UniformProfile(0.0, HEIGHT), -0.15, 0.3, (0.0, 0.15))
     field = DuctSolver(case, FREQUENCY).solve(TRUE).wall_pressure(places)
     matched = match_modes(HEIGHT, (0.0, 0.15), FREQUENCY, TRUE, modes=40).fields(places, HEIGHT)[0]
     away = float(np.abs(field[0].numpy() - matched).max() / np.abs(matched).max())
-    return found | {
-        "dispersion relation against its published value (1/m)": (abs(complex(alpha) - PUBLISHED), 1e-5),
-        "impedance to wavenumber and back": (abs(complex(back) - TRUE), 1e-12),
-        "eigen-solver against the dispersion relation, relative": (abs(complex(solved[0, 0] / alpha) - 1), 1e-6),
-        "rigid-lined-rigid without flow against 40 matched modes": (away, 1e-4),
-    }
+    return found | {"rigid-lined-rigid without flow against 40 matched modes": (away, 1e-4)}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = parser_of(__doc__)
-    parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3, 4], help="of the elements")
-    rows = [row for flow in CASES for row in order_table(flow, options_of(parser, arguments).degrees)]
+    options = options_of(parser_of(__doc__, degrees=[1, 2, 3, 4]), arguments)
+    rows = [row for flow in CASES for row in order_table(flow, options.degrees)]
     for row in rows:
         mesh = f"{row['columns']} x {row['rows']}"
         numbers = f"{row['unknowns']:6d} {row['error']:9.2e} {row['order']:5.2f}"

@@ -55,13 +55,11 @@ def engine(options: Any) -> None:
     device = torch.cuda.get_device_name() if options.device.type == "cuda" else platform.machine()
     print(f"{device}, {torch.get_num_threads()} threads, torch {torch.__version__}: {v.shape[1]} x {SAMPLES} samples")
     row("one sum over the plane, the floor", best(v.sum)[0], samples=v.numel())
-    ways = (
-        {"compiled": "native", "torch": "torch"} if options.device.type == "cpu" else {"Triton": "", "torch": "torch"}
-    )
-    if options.device.type == "cpu" and not native.available():
+    fast = {"compiled": "native"} if options.device.type == "cpu" else {"Triton": ""}
+    if "compiled" in fast and not native.available():
         print(f"no compiled sums: {native.reason}")
-        del ways["compiled"]
-    for name, way in ways.items():
+        fast = {}
+    for name, way in (fast | {"torch": "torch"}).items():
         with mock.patch.dict(os.environ, TORCHLINER_SUMS=way):
             of_one_way(v, name)
 

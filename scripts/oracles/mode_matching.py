@@ -14,8 +14,7 @@ and alike at the other end. Eliminating b and t leaves two systems, for c + d an
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +26,7 @@ EXTRA_POINTS = 30  # Chebyshev points beyond twice the modes
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True, eq=False)
-class MatchedDuct:
+class MatchedDuct(NamedTuple):
     """The sound field.
 
     Args:
@@ -76,10 +74,9 @@ def match_modes(
 ) -> MatchedDuct:
     """A plane wave along +x on a uniform liner, ``liner`` from and to (m), at y = 0 of a straight rigid duct.
 
-    The lined modes' transverse numbers are eigenvalues at Chebyshev points, none of which can be
-    missed, polished by Newton's method. On the opposite wall the error falls with the square of
-    the number of modes: 40 leave 2e-5 for Z = 2.33-0.30j, 1e-4 for 0.3-0.6j; for Z = 0, whose
-    edges are sharper, only with the number: 2e-2.
+    The lined modes' transverse numbers are eigenvalues at Chebyshev points, none of which can be missed, polished by
+    Newton's method. On the opposite wall the error falls with the square of the number of modes: 40 leave 2e-5 for Z =
+    2.33-0.30j, 1e-4 for 0.3-0.6j; for Z = 0, whose edges are sharper, only with the number: 2e-2.
     """
     k = 2 * math.pi * frequency / sound_speed
     rigid: Complex = math.pi * np.arange(modes).astype(np.complex128)

@@ -5,7 +5,7 @@ With w = 1/(Z + 1) the reflection is R = 1 - 2 w. With the phase averaged the ed
 weights that are not negative, so the educed w lies in the convex hull of the curve w(|v|), whatever the velocity does.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -21,8 +21,7 @@ SMALLEST_SPEED = 1e-4  # m/s, the first above rest
 SPEEDS, DIRECTIONS, PHASES, ALONG = 800, 720, 360, 40  # on the curve; of the hull; of a sine; on each side of a hull
 
 
-@dataclass(frozen=True)
-class Reach:
+class Reach(NamedTuple):
     """The impedances that a model returns, phase averaged, whatever |v(t)| up to some limit.
 
     Args:

@@ -80,25 +80,18 @@ def validate(plane: VelocityPlane, liner: Liner) -> list[Row]:
     ]
 
 
-def errors_by_rule(rows: Sequence[Row]) -> list[Row]:
-    """Medians of |dR| (real part) and |dX| of every rule and averaging in the rows, over ``planes``."""
-    groups: dict[tuple[str, ...], list[complex]] = {}
-    for row in rows:
-        groups.setdefault((*row.rule, row.averaging), []).append(row.miss)
-    found = []
-    for rule, misses in groups.items():
-        r, x = (statistics.median(abs(getattr(miss, part)) for miss in misses) for part in ("real", "imag"))
-        names = dict(zip(("drive", "mean", "phase", "averaging"), rule, strict=True))
-        found.append(Row(names, planes=len(misses), median=complex(r, x)))
-    return found
+def median_error(rows: Sequence[Row], rule: tuple[str, str, str], averaging: str) -> complex:
+    """Medians of |dR| (real part) and |dX| of a rule, over the planes of the rows."""
+    misses = [row.miss for row in rows if (row.rule, row.averaging) == (rule, averaging)]
+    return complex(*(statistics.median(abs(getattr(miss, part)) for miss in misses) for part in ("real", "imag")))
 
 
-def tone_speed(found: ImpedanceMap, index: int = 0) -> float:
+def tone_speed(found: ImpedanceMap) -> float:
     """rms of the velocity at the tone, m/s: of its mean over the plane, of all probes if it grazes.
 
     A grazing wave changes its phase along the plane, so that its mean over it says nothing.
     """
-    amplitude, coherence = (each[..., index].reshape(-1) for each in (found.velocity_amplitude, found.coherence))
+    amplitude, coherence = (each[..., 0].reshape(-1) for each in (found.velocity_amplitude, found.coherence))
     known = torch.isfinite(amplitude.abs())
     if found.source_side in ("upstream", "downstream"):
         return float((amplitude.abs().square() * coherence.nan_to_num())[known].mean().sqrt()) / 2**0.5
