@@ -26,7 +26,7 @@ STANDING = ("samples", "record s", "f Hz", "R", "X", "half-width", "needed s")
 
 
 def run(options: argparse.Namespace) -> int:
-    """A campaign: planes, liners, choices; resumable."""
+    """Run a campaign of planes, liners and choices; resumable."""
     campaign = read_campaign(options.campaign, options.output)
     planned = plan(campaign)
     units = [{"unit": unit.name, "state": state} for unit, state in planned.units]
@@ -79,7 +79,7 @@ def _standing(row: dict[str, Any]) -> str:
 
 
 def report(options: argparse.Namespace) -> None:
-    """One page of a result, to read, attach and repeat."""
+    """HTML page of a result, to read, attach and repeat."""
     require_report()
     write = report_campaign if options.result.is_dir() else report_file
     answer = write(options.result, options.output)
@@ -117,16 +117,15 @@ def convert(options: argparse.Namespace) -> None:
 
 
 def reduce(options: argparse.Namespace) -> None:
-    """Moments of a plane: any liner later, without the data."""
+    """Moments of a plane, enough for any liner later, without the data."""
     (plane,) = planes = work.read_planes([options.plane], options)
     liner = None if options.liner is None else tl.load_liner(options.liner)
     known = tl.load_liner(plane.liner) if liner is None and plane.liner in tl.preset_names() else liner
     pitch = options.cell_pitch
     if pitch is None and liner is None and known is not None:
         pitch = known.cell_pitch
-    chosen = work.choices_of(options)
     with work.progress_bar(work.samples_of(planes), options) as step:
-        found = tl.moments(plane, liner, options.frequency, cell_pitch=pitch, progress=step, **chosen)
+        found = tl.moments(plane, liner, options.frequency, cell_pitch=pitch, progress=step, **work.choices_of(options))
     facts: dict[str, Any] = {"output": str(options.output)} | inspect_moments(found).facts
     if known is not None:
         facts["error in R"] = found.error(known, liner and (options.frequency or plane.frequency))

@@ -104,9 +104,8 @@ def warnings_on_stderr(options: Namespace) -> Iterator[None]:
             notes = {str(note): note for note in getattr(options, "notes", ())}  # of the result
             sizes = {text: getattr(note, "size", None) for text, note in notes.items()}
             texts = dict.fromkeys(str(each.message) for each in caught if not issubclass(each.category, PLANNED))
-            if not options.verbose:
-                texts = {t: None for t in texts if getattr(notes.get(t), "code", "") != "level-check"}
-            every = sorted(texts, key=lambda text: -(sizes.get(text) or 0.0))
+            told = [t for t in texts if options.verbose or getattr(notes.get(t), "code", "") != "level-check"]
+            every = sorted(told, key=lambda text: -(sizes.get(text) or 0.0))
             shown = every if options.verbose else every[:WARNINGS_SHOWN]
             for text in shown:
                 lead = "" if sizes.get(text) is None else f" (may move Z by {sizes[text]:.2g})"

@@ -29,7 +29,7 @@ from torchliner.report.table import table_of
 
 
 def insitu(options: argparse.Namespace) -> None:
-    """Impedance from pressures at facesheet and backplate, or two in the duct."""
+    """Impedance from pressures in situ, or at microphones in front of the liner."""
     pair: dict[str, Any] = {} if options.microphones is None else {"pair": tuple(options.microphones)}
     record = tl.read_pressure(options.record)
     answer, points = of_pressures(record, options.frequency, **options.chosen, **pair)

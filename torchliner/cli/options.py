@@ -174,9 +174,9 @@ class Parser(argparse.ArgumentParser):
             if each.group not in groups:
                 groups[each.group] = self.add_argument_group(each.group)
             each.add(groups[each.group])
-        needed = [each for each in self.options if each.required or each.flag[:1] != "-"]
-        words = [each.flag if each.required else each.dest.upper() + " ..." * (each.nargs == "+") for each in needed]
-        self.usage = " ".join([self.prog, "[options]", *words])
+        given = [each.dest.upper() + " ..." * (each.nargs == "+") for each in self.options if each.flag[:1] != "-"]
+        needed = [f"{each.flag} {each.kind.metavar}" for each in self.options if each.required]  # type: ignore[union-attr]
+        self.usage = " ".join([self.prog, "[options]", *given, *needed])
 
     def parse(self, words: list[str]) -> argparse.Namespace:
         """The options; those that go into a dict stand there by name, if they are given."""

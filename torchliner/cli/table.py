@@ -34,13 +34,13 @@ READING = (
     Of("io.planes:read_plane", "start stop", "part of the data", to="reading"),
     Of("io.plane_format:PlaneRequest", f"{STATED}overlap", "missing metadata", to="reading"),
 )
-ANY = "of any format, or moments; 'run_*.nc' joins restarts"
+ANY = "of any format (most commands also take moments); 'run_*.nc' joins restarts"
 WAVES = "tones:500,900, sweep:300:6000:logarithmic, noise:300:6000:SEED (Hz), or a .wav file; default: --frequency"
 SPL = "of the incident wave (normal incidence) or at the wall (grazing), dB re 20 uPa rms"
 BASE = "drive running_window mean wall_filter missing background minimum_coherence interval level_limit "
 BASE += "level_uncertainty level_matched allow_short device dtype"
 FIXED = "drive mean missing allow_short"
-KNOWN = "impedance named in the files, or one each, as 0.168-0.066j"
+KNOWN = "name of the known impedance in the files, or a value for each, as 0.168-0.066j"
 SHARED: dict[str, tuple[Option | Of, ...]] = {
     "plane": (Option("plane", f"file of a plane, {ANY}", FILE), *READING),
     "planes": (Option("planes", f"files of planes, {ANY}", FILE, "+"), *READING),
@@ -55,16 +55,16 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
     "one-tone": (Option("--frequency", "in Hz; default: the tone of the file", NUMBER),),
     "incident": (Option("--incident", WAVES, NAME),),
     "rows": (output("write the rows", ".csv"),),
-    "plane-file": (output("write it", *HDF5, required=True),),
+    "plane-file": (output("write the result", *HDF5, required=True),),
     "map": (output("write the result (of several planes, their names are appended)", *HDF5, *names.RESULT_WRITERS),),
     "law": (output("write the liner", ".toml"),),
     "copy": (output("write the preset, to edit,", ".toml", flag="--copy"),),
     "figure": (Option("--figure", "draw the result there; in a folder all pictures, with their numbers", PICTURE),),
     "strict": (Option("--strict", "exit code 1 where the level check fails for the answer"),),
-    "seen": (fact("--incident-level", SPL), fact("--source-side", "that the sound comes from", names.SOURCE_SIDES)),
+    "seen": (fact("--incident-level", SPL), fact("--source-side", "side of the source", names.SOURCE_SIDES)),
     "case": (
         *(fact("--frequency", "tone in Hz"), fact("--mach", "bulk Mach number")),
-        *(fact("--displacement-thickness", "of the boundary layer, m"), fact("--title", "of tables and figure", TEXT)),
+        *(fact("--displacement-thickness", "of the boundary layer, m"), fact("--title", "of tables and figures", TEXT)),
     ),
     "place": (fact("--x", "of the station, m"), fact("--y", "above the liner, m"), fact("--z", "across the duct, m")),
     "below": (fact("--liner", "name of the liner below", TEXT),),
@@ -81,7 +81,7 @@ SHARED: dict[str, tuple[Option | Of, ...]] = {
         Option("--impedance", "R+Xj or rigid, one a lined patch; default: the duct's", WALL, "+", to="chosen"),
     ),
     "fit": (
-        Option("--reference", f"{KNOWN}; default true", REFERENCE, "+", ["true"]),
+        Option("--reference", f"{KNOWN}; default 'true'", REFERENCE, "+", ["true"]),
         Option("--predict", "planes to predict; default: none", FILE, "+", []),
         Option("--noise", "standard uncertainty of R and X of the references", NUMBER),
     ),
@@ -161,7 +161,7 @@ GROUPS = {
             "tone figure",
             Option("record", "pressure record", FILE),
             output("write the rows as .csv, or points, cells and surface,", ".csv", *HDF5),
-            Option("--microphones", "two of the row, from 0; default: the best conditioned pair", COUNT, 2),
+            Option("--microphones", "two of the row, counted from 0; default: the best conditioned pair", COUNT, 2),
             Of("pressure.dean:in_situ", "losses"),
             Of("pressure.tones:Tones", "start window segment", kinds={"window": TEXT}),
             choices("allow_short interval"),
@@ -173,7 +173,7 @@ GROUPS = {
             frequency("those of the file"),
             output("write the rows as .csv, or all of the result, for torchliner report,", ".csv", *HDF5),
             Option("--segment", "of time signals, s; default: the whole record", NUMBER),
-            fact("--source-side", "side that the sound comes from", names.SOURCES),
+            fact("--source-side", "side of the source", names.SOURCES),
             fact("--mach", "bulk Mach number, 0 for no flow; of --method field the duct's"),
             Option("--seed", "of the draws; default 0", COUNT, default=0, group="error bars"),
             Of("pressure.microphone_errors:MicrophoneErrors", "draws level_error phase_error", "error bars"),
@@ -191,7 +191,7 @@ GROUPS = {
             "duct figure copy",
             Option("duct", "preset or .toml file; without: list the presets", NAME, "?"),
             output("write the microphones, for torchliner kt and report,", ".csv", *HDF5),
-            Option("--mesh", "largest cell, and that at walls, m; default: checked on a finer mesh", NUMBER, "+"),
+            Option("--mesh", "largest cell, and largest at walls, m; default: checked on a finer mesh", NUMBER, "+"),
             Option("--level", "of the incident wave, dB re 20 uPa rms; default: the duct's", NUMBER, to="chosen"),
             Option("--source-side", "of the sound; default: the duct's", names.SOURCES, to="chosen"),
             Option("--end-reflection", "of the far end; default: the duct's", COMPLEX, to="chosen"),
@@ -233,17 +233,17 @@ GROUPS = {
             "",
             Option("campaign", "TOML file of a campaign", FILE),
             Option("--output", "write the results there; default: as the file says, else NAME_results", FOLDER),
-            Option("--dry-run", "say what would be done, and write nothing"),
+            Option("--dry-run", "show what would be done, and write nothing"),
             Option("--cluster", "local:N, N processes; tcp://HOST:PORT of a dask scheduler, or its .json", TEXT),
-            Option("--wait", "for its scheduler and its first worker, s; default 30", NUMBER),
+            Option("--wait", "seconds for its scheduler and its first worker; default 30", NUMBER),
         ),
         "follow": row(
             "liner tone stated",
             Option("plane", "file that grows, or folder that files come into, in the order of names", FILE),
             output("write the moments so far, however it ends,", *HDF5),
-            Option("--until", "half-width of the interval of Z, over rho c, that ends it; default: none", NUMBER),
-            Option("--every", "between two looks, s; default 5", NUMBER, default=5.0),
-            Option("--idle", "without new samples, after which it ends, s; default 600", NUMBER, default=600.0),
+            Option("--until", "half-width of the interval of Z, over rho c, at which it ends; default: none", NUMBER),
+            Option("--every", "seconds between two looks; default 5", NUMBER, default=5.0),
+            Option("--idle", "seconds without new samples, after which it ends; default 600", NUMBER, default=600.0),
             Of("velocity.replay:replay", "averaging"),
             choices("phase interval dtype"),
         ),

@@ -35,7 +35,7 @@ def educe(options: argparse.Namespace) -> int:
 
 
 def replay(options: argparse.Namespace) -> int:
-    """The same under any incident wave, with the reflected signal."""
+    """Impedance map under any incident wave, with the reflected signal."""
     incident = work.incident_signal(options)
     (plane,) = planes = work.read_planes([options.plane], options)
     outputs = _outputs(options, planes)
@@ -79,14 +79,14 @@ def _finish(options: argparse.Namespace, found: list[Any], planes: list[Any], ou
 
 
 def ldv_info(options: argparse.Namespace) -> int:
-    """Bursts of laser Doppler stations: describe and check."""
+    """Describe and check bursts of laser Doppler stations."""
     stations = [Station.of(source.read(), options.without) for source in _stations(options)]
     work.show(options, stations)
     return int(any(station.flags for station in stations))
 
 
 def ldv_educe(options: argparse.Namespace) -> None:
-    """The same: impedance along a line of stations; resumable with -o."""
+    """Impedance along a line of laser Doppler stations; resumable with -o."""
     sources, parts = _stations(options), None
     liner = tl.load_liner(options.liner or work.preset_named(sources[0].read().liner, sources[0].path))
     if options.output is not None:

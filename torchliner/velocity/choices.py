@@ -28,10 +28,10 @@ class Choices:
     """What the paper leaves open.
 
     Args:
-        averaging: over cells, for the ``answer``: ``admittance`` (the paper): of each probe, driven by its own v;
-            ``velocity``: v, whose average drives the liner; ``phase-locked``: what of v is periodic with the tone, the
-            rest acts where it is. The last takes a second reading of the data and is left out where one of the others
-            is asked for.
+        averaging: what is averaged over each cell, for the ``answer``: ``admittance`` (the paper): that of each probe,
+            driven by its own v; ``velocity``: v itself, whose mean drives the liner; ``phase-locked``: the part of v
+            that is periodic with the tone, while the rest acts where it is measured. The last reads the data twice and
+            is left out where another is asked for.
         phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known), ``self-consistent``
             (from the tone in v itself), ``given`` (stated beside it).
         drive: |v| that acts on the liner: ``instantaneous``, ``rms`` over the record, or ``running-rms``.
@@ -39,21 +39,21 @@ class Choices:
         mean: time-mean velocity ``kept`` in the drive or ``removed``.
         interval: confidence level of the error bars, between 0 and 1. In Python None for none.
         wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as wall: admittance 0 in
-            averages over probes (section 7.2); default: none does.
+            averages over probes (section 7.2); default: no filter.
         missing: probes that hold nan or inf: ``refuse`` the plane or ``exclude`` them.
         background: of ``phase-locked``: the same plane without sound (or its moments), to whose rms the incoherent
             velocity of each cell is scaled down; several of other heights, between which the rms is taken at half a
             hole diameter; or that rms, m/s. Default: as measured. Strong sound in weak flow makes jets, whose vortices
-            are no such turbulence.
+            would else count as turbulence.
         minimum_coherence: squared coherence of v with the tone, 0 to 1, below which ``self-consistent`` falls back to
-            ``averaged``. Without a tone 0.5 is passed by chance in 0.5^(S - 1) of all probes with S blocks.
+            ``averaged``. Noise alone exceeds 0.5 at a share 0.5^(S - 1) of the probes, with S blocks.
         level_limit: dB that Z and the phase-locked velocity may differ from a known pressure, for the level check.
         level_uncertainty: dB by which that pressure itself is uncertain; adds to the limit.
         level_matched: also find the share of the incoherent velocity that makes the level check 0, and Z with it: a
             measurement by pressure and velocity, not a prediction. The data are read about ten times more.
         allow_short: accept fewer than four periods.
-        device: that works, cpu, cuda or cuda:1; default that of the data.
-        dtype: precision of the work; default that of the data.
+        device: where to compute, cpu, cuda or cuda:1; default where the data are.
+        dtype: precision of the computation; default that of the data.
     """
 
     averaging: str = "phase-locked"

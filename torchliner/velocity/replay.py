@@ -82,7 +82,7 @@ def replay(
         segment: s, of segments that overlap by half; default the whole record as one.
         averaging: ``admittance`` (the paper) or ``velocity``; the map holds both.
         mean, missing, device, dtype: as of ``educe``.
-        interval: level, from four segments on; see ``engine.intervals``.
+        interval: confidence level of the error bars, which need four segments.
         reflected: file for the reflected signal of every probe, .h5 or .nc.
         progress: called with numbers of samples replayed.
     Raises:
