@@ -9,7 +9,7 @@ or more are open. ``Levels`` serves tables, whose R has a kink at each of their 
 """
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,38 +149,33 @@ def interpolation_error(nodes: Nodes, liner: LinerModel, frequency: Tensor, top:
 
 @torch.no_grad()
 def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: float) -> Nodes:
-    """The fewest nodes, with the best centre, from which R of all liners is known to ``tolerance`` at each |v| up to
-    ``TOP_SPEED``, at frequencies in Hz, (F,): ``Levels`` for tables over |v|, else ``Chebyshev``; the closest where
-    none reaches the tolerance."""
-    best: Nodes = ANY_LINER
+    """The fewest nodes from which R of all liners is known to ``tolerance`` at each |v| up to ``TOP_SPEED``, at
+    frequencies in Hz, (F,), the most where none are enough: ``Levels`` for tables over |v|, else ``Chebyshev`` with the
+    best centre."""
+    top = TOP_SPEED
+    candidates: Iterable[Nodes] = (_best_centre(count, liners, frequency) for count in COUNTS)
     if ends := [liner.speed_max for liner in liners if liner.speed_max is not None]:
         top = min(ends)
         kinks = {kink for liner in liners for kink in liner.speed_kinks if kink < top}
         kinks = kinks or {top * (i / 25) ** 2 for i in range(25)}  # of a liner that states none
-        for parts in PARTS:
-            best = Levels((*sorted(kinks | {0.0}), top), parts)
-            if max(interpolation_error(best, liner, frequency, top)[0] for liner in liners) <= tolerance:
-                break
-        return best
+        candidates = (Levels((*sorted(kinks | {0.0}), top), parts) for parts in PARTS)
+    best: Nodes = ANY_LINER
+    for best in candidates:
+        if max(interpolation_error(best, liner, frequency, top)[0] for liner in liners) <= tolerance:
+            break
+    return best
 
+
+def _best_centre(count: int, liners: Sequence[LinerModel], frequency: Tensor) -> Chebyshev:
+    """So many nodes, with that of ``CENTRES`` from which R is known best."""
     asked = frequency[:, None]
     if len(asked) > MOST_ASKED:
         asked = asked.sort(0).values[torch.linspace(0, len(asked) - 1, MOST_ASKED).round().to(torch.int64)]
-    speed, least = TOP_SPEED * torch.linspace(0, 1, FIRST_CHECKED, dtype=torch.float64) ** 3, float("inf")
-    wanted = torch.cat([reflection_of(liner, asked, speed) for liner in liners])[:, None]
-    centres = torch.tensor(CENTRES, dtype=torch.float64)[:, None]
+    speed = TOP_SPEED * torch.linspace(0, 1, FIRST_CHECKED, dtype=torch.float64) ** 3
+    unit, centres = Chebyshev(count, 1.0), torch.tensor(CENTRES, dtype=torch.float64)[:, None]
+    speeds = centres * unit.speeds  # (C, K), all centres at once
+    wanted, values = (torch.cat([reflection_of(each, asked, v) for each in liners]) for v in (speed, speeds.flatten()))
     angle = ((speed - centres) / (speed + centres)).acos()
-    for count in COUNTS:  # all centres at once, (C, K)
-        unit = Chebyshev(count, 1.0)
-        speeds = centres * unit.speeds
-        values = torch.cat([reflection_of(liner, asked, speeds.flatten()) for liner in liners])
-        functions = torch.cos(angle[:, :, None] * torch.arange(count))  # T_k, (C, V, K)
-        found = torch.einsum("fck,cvk->fcv", unit.coefficients(values.unflatten(1, speeds.shape)), functions.to(values))
-        errors = (found - wanted).abs().amax((0, 2))
-        if float(errors.min()) < least:
-            best, least = Chebyshev(count, CENTRES[int(errors.argmin())]), float(errors.min())
-        if least <= tolerance and all(
-            interpolation_error(best, liner, frequency, TOP_SPEED)[0] <= tolerance for liner in liners
-        ):
-            break
-    return best
+    functions = torch.cos(angle[:, :, None] * torch.arange(count)).to(values)  # T_k, (C, V, K)
+    found = torch.einsum("fck,cvk->fcv", unit.coefficients(values.unflatten(1, speeds.shape)), functions)
+    return Chebyshev(count, CENTRES[int((found - wanted[:, None]).abs().amax((0, 2)).argmin())])
