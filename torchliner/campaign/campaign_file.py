@@ -10,9 +10,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
-from pydantic import BeforeValidator, Field, create_model, model_validator
+from pydantic import BeforeValidator, Field, create_model
 
-from torchliner.file_checks import Strict, one_of, parse_toml, read_text, validated
+from torchliner.file_checks import Strict, naming, one_of, parse_toml, read_text, validated
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.names import SOURCE_SIDES, frequencies, unique_names
 from torchliner.records.origin import series_of
@@ -61,24 +61,8 @@ class CampaignTable(Strict):
     figures: bool = False
     planes: list[PlanesTable] = Field(min_length=1)
     liners: Texts = Field(default_factory=list)
-    frequencies: Annotated[list[float], BeforeValidator(_in_hertz)] = Field(default_factory=list)
+    frequencies: Annotated[list[float], BeforeValidator(_in_hertz)] = Field(default_factory=list)  # none: the tones
     choices: ChoicesTable = ChoicesTable()
-
-    @model_validator(mode="after")
-    def _check_choices(self) -> CampaignTable:
-        for each in self.choice_sets():
-            try:
-                Choices(**each)
-            except TypeError as error:
-                raise ValueError(f"choices: {error}") from None
-        return self
-
-    def choice_sets(self) -> list[dict[str, Any]]:
-        """Every combination of values of which some are lists; ``interval = false``: None, for which TOML has no
-        word."""
-        lists = {key: _listed(value) for key, value in self.choices.model_dump(exclude_unset=True).items()}
-        sets = [dict(zip(lists, each, strict=True)) for each in itertools.product(*lists.values())]
-        return [{k: None if k == "interval" and v is False else v for k, v in each.items()} for each in sets]
 
 
 @dataclass(frozen=True)
@@ -92,11 +76,7 @@ class Case:
     request: Mapping[str, Any]  # of ``PlaneRequest``
     liners: Sequence[str]  # presets or paths; none: the one that the file names
     in_situ: Path | None  # pressure record of the same run
-
-    def files(self) -> list[Path]:
-        """Of the plane: its own, and those that the request names."""
-        named = (Path(each) for key in NAMED for each in _file_names(self.request.get(key, "")))
-        return [self.path, *(each for each in named if each.is_file())]
+    files: Sequence[Path]  # of the plane: its own, and those that the request names
 
 
 @dataclass(frozen=True)
@@ -106,15 +86,8 @@ class Campaign:
     path: Path  # of the file
     output: Path  # folder for the results
     cases: Sequence[Case]
-    frequencies: Sequence[float]  # Hz; none: the tone of each plane
-    choices: Sequence[dict[str, Any]]  # sets of them
-    title: str
-    figures: bool
-
-    @property
-    def varied(self) -> list[str]:
-        """Choices that the sets differ by."""
-        return [key for key in self.choices[0] if any(one[key] != self.choices[0][key] for one in self.choices)]
+    choices: Sequence[dict[str, Any]]  # every combination of those of which several are stated
+    stated: CampaignTable
 
 
 def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaign:
@@ -137,7 +110,16 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
             found[match] = each
     names = unique_names(found)
     cases = [_case(*each, name, table.liners, folder) for each, name in zip(found.items(), names, strict=True)]
-    return Campaign(path, target, cases, table.frequencies, table.choice_sets(), table.title, table.figures)
+    # ``interval = false`` is None, for which TOML has no word.
+    chosen = table.choices.model_dump(exclude_unset=True).items()
+    lists: dict[str, list[Any]] = {
+        key: [None if key == "interval" and v is False else v for v in _listed(value)] for key, value in chosen
+    }
+    sets = [dict(zip(lists, each, strict=True)) for each in itertools.product(*lists.values())]
+    with naming(path):
+        for one in sets:
+            Choices(**one)
+    return Campaign(path, target, cases, sets, table)
 
 
 def _matches(folder: Path, pattern: str, path: Path, output: Path) -> list[Path]:
@@ -160,18 +142,18 @@ def _case(path: Path, table: Any, name: str, liners: list[str], folder: Path) ->
     """One plane of a table; ``liners`` of the whole campaign win, paths begin at ``folder``."""
     facts = table.model_dump(exclude_none=True, exclude=OWN)
     request = {field.name: facts.pop(field.name) for field in fields(PlaneRequest) if field.name in facts}
+    files = [path]
     for key in NAMED:
-        if any((folder / each).is_file() for each in _file_names(request.get(key, ""))):
-            request[key] = str(folder / request[key])
+        words = request.get(key, "")
+        named = [folder / each for each in (words, words.rpartition(":")[0]) if (folder / each).is_file()]
+        if named:
+            request[key] = str(folder / words)
+            files += named
     found = []
     for each in liners or ([] if table.liner is None else [table.liner]):
         if Path(each).suffix.lower() == ".py":
             raise ValueError(f"liner {each} is a program, which no campaign runs; give its values as .csv")
         found.append(str(folder / each) if Path(each).suffix.lower() in (".toml", ".csv") else each)
     shown = str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
-    return Case(path, name, shown, facts, request, found, None if table.in_situ is None else folder / table.in_situ)
-
-
-def _file_names(name: str) -> list[str]:
-    """FILE of FILE or FILE:VARIABLE."""
-    return [each for each in (name, name.rpartition(":")[0]) if each]
+    beside = None if table.in_situ is None else folder / table.in_situ
+    return Case(path, name, shown, facts, request, found, beside, files)

@@ -18,7 +18,7 @@ from torch import Tensor
 from torchliner.checks import FEWEST_PERIODS, require_positive
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.moments import Moments, ReducedVelocity
-from torchliner.engine.sums import Held, reduce
+from torchliner.engine.sums import Held, Job, reduce
 from torchliner.engine.survey import survey_of
 from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import HDF5
@@ -31,6 +31,18 @@ from torchliner.velocity.reading import SURVEY, reading_of
 PIECE_VALUES = 1 << 24  # velocities that are read at once
 MOST = 64  # blocks, then neighbours become one: memory does not grow
 FIXED = {"drive": "instantaneous", "mean": "kept", "missing": "refuse"}
+
+
+def _stated(plane: VelocityPlane, samples: int) -> VelocityPlane:
+    """What is stated of a plane, with so many samples that are not there."""
+    left = ReducedVelocity((*plane.probe_shape, samples), plane.velocity.dtype, plane.name)
+    return dataclasses.replace(plane, velocity=left)
+
+
+def _joined(job: Job, one: Tensor, other: Tensor) -> Tensor:
+    """What a job finds in two neighbours as one block."""
+    sums = one.shape[1] - job.largest
+    return torch.cat([(one + other)[:, :sums], torch.maximum(one, other)[:, sums:]], 1)
 
 
 class GrowingMoments:
@@ -56,68 +68,54 @@ class GrowingMoments:
         lowest = float(plane.asked(frequency).min())
         self.period = plane.sampling_rate / (plane.frequency or lowest)  # samples
         self.each, self.borders = 1, [0]  # periods of a block; borders of all blocks
-        left = ReducedVelocity(tuple(plane.velocity.shape), plane.velocity.dtype, plane.name)
-        self._about = dataclasses.replace(plane, velocity=left)
-        several = self._plane(math.ceil(5 * max(self.period, plane.sampling_rate / lowest)))  # periods
-        self._reading = reading_of(several, [], frequency, chosen, cell_pitch=cell_pitch)
+        several = math.ceil(5 * max(self.period, plane.sampling_rate / lowest))  # periods
+        self._reading = reading_of(_stated(plane, several), [], frequency, chosen, cell_pitch=cell_pitch)
         self._jobs = self._reading.jobs()
-        self._rows: dict[str, Tensor] = {}
+        self._rows: list[list[Tensor]] = []  # of each block, what each job finds
         self._waiting = torch.empty(0, plane.probes, dtype=plane.velocity.dtype)
         self.update(plane.load().velocity)
 
     @property
     def periods(self) -> int:
         """Whole ones so far."""
-        return self.each * (len(self.borders) - 1)
+        return self.each * len(self._rows)
 
     def update(self, samples: Any) -> None:
         """Add what comes next, v in m/s, (..., t), as the first samples."""
-        v = torch.as_tensor(samples, dtype=self._about.velocity.dtype)
-        if tuple(v.shape[:-1]) != (shape := self._about.probe_shape):
+        v, shape = torch.as_tensor(samples, dtype=self._waiting.dtype), self._reading.plane.probe_shape
+        if tuple(v.shape[:-1]) != shape:
             raise ValueError(f"samples have shape {tuple(v.shape)}; they are of probes {shape}, time last")
-        new = v.movedim(-1, 0).reshape(v.shape[-1], self._about.probes)
+        new = v.movedim(-1, 0).reshape(v.shape[-1], self._waiting.shape[1])
         wrong = ~torch.isfinite(new.sum(0))
         if bool(wrong.any()):
             first = int(wrong.nonzero()[0])
             raise ValueError(f"{int(wrong.sum())} of {len(wrong)} probes hold nan or inf, the first is probe {first}")
-        done, rows = self.borders[-1], torch.cat([self._waiting, new])
-        while True:
-            count = len(self.borders)
-            ahead = (round((count + i) * self.each * self.period) for i in range(MOST + 1 - count))
-            borders = [self.borders[-1], *(border for border in ahead if border <= done + len(rows))]
-            if len(borders) == 1:
-                break
-            self._add(rows, done, borders)
-            if len(self.borders) > MOST:  # neighbours become one block
-                for name, sums in self._rows.items():
-                    found, later = sums.unflatten(0, (-1, 2)).unbind(1)
-                    most = torch.maximum(found, later)[:, found.shape[1] - self._jobs[name].largest :]
-                    self._rows[name] = torch.cat([(found + later)[:, : found.shape[1] - most.shape[1]], most], 1)
-                self.each, self.borders = 2 * self.each, self.borders[::2]
-        self._waiting = rows[self.borders[-1] - done :].clone()
+        rows = torch.cat([self._waiting, new])
+        while (size := round(len(self.borders) * self.each * self.period) - self.borders[-1]) <= len(rows):
+            self._add(rows[:size].to(self._reading.device, self._reading.dtype))
+            rows = rows[size:]
+        self._waiting = rows.clone()
 
-    def _add(self, rows: Tensor, first: int, borders: list[int]) -> None:
-        """Blocks between borders, of rows that begin with sample ``first``."""
-        rows = rows.to(self._reading.device, self._reading.dtype)
-        record = Held(lambda begin, end: rows[begin - first : end - first], borders[-1], rows.shape[1], rows.device)
-        blocks = Blocks(tuple(borders), self._about.sampling_rate, self.each * (len(borders) - 1))
-        for name, new in zip(self._jobs, reduce(record, blocks, list(self._jobs.values())), strict=True):
-            self._rows[name] = torch.cat([self._rows[name], new]) if name in self._rows else new
-        self.borders += borders[1:]
-
-    def _plane(self, samples: int) -> VelocityPlane:
-        about = self._about
-        left = ReducedVelocity((*about.probe_shape, samples), about.velocity.dtype, about.name)
-        return dataclasses.replace(about, velocity=left)
+    def _add(self, samples: Tensor) -> None:
+        """A block, (t, P); neighbours become one before there are ``MOST``."""
+        each, begin, end = self.each, self.borders[-1], self.borders[-1] + len(samples)
+        read = Held(lambda low, high: samples[low - begin : high - begin], end, samples.shape[1], samples.device)
+        jobs, blocks = [*self._jobs.values()], Blocks((begin, end), self._reading.blocks.sampling_rate, each)
+        rows, borders = [*self._rows, reduce(read, blocks, jobs)], [*self.borders, end]
+        if len(rows) == MOST:
+            pairs = zip(rows[::2], rows[1::2], strict=True)
+            rows, borders, each = [[*map(_joined, jobs, *pair)] for pair in pairs], borders[::2], 2 * each
+        self.each, self.borders, self._rows = each, borders, rows  # at once, whoever interrupts
 
     def moments(self) -> Moments:
         """Of the whole periods so far, a ValueError before the first; later samples leave them alone."""
+        plane = self._reading.plane
         if not self.periods:
-            raise ValueError(f"{self._about.name} holds {len(self._waiting)} samples; a period has {self.period:g}")
-        blocks = Blocks(tuple(self.borders), self._about.sampling_rate, self.periods)
-        reading = dataclasses.replace(self._reading, plane=self._plane(self.borders[-1]), blocks=blocks)
-        seen = survey_of(self._rows[SURVEY], blocks, reading.lines, reading.harmonics)
-        return reading.moments(seen, None, self._rows)
+            raise ValueError(f"{plane.name} holds {len(self._waiting)} samples; a period has {self.period:g}")
+        blocks = Blocks(tuple(self.borders), plane.sampling_rate, self.periods)
+        reading = dataclasses.replace(self._reading, plane=_stated(plane, self.borders[-1]), blocks=blocks)
+        found = dict(zip(self._jobs, map(torch.cat, zip(*self._rows, strict=True)), strict=True))
+        return reading.moments(survey_of(found[SURVEY], blocks, reading.lines, reading.harmonics), None, found)
 
     def educe(self, liner: Liner, frequency: Any = None, **choices: Any) -> ImpedanceMap:
         """The map of the whole periods so far."""
@@ -188,10 +186,9 @@ def follow(
     """What is known of a plane that grows, each time that samples have come.
 
     Args:
-        frames: where the samples come from.  liner: model.  frequency: Hz; default the tone of the plane.
+        frames: where the samples come from.  frequency: Hz; default the tone of the plane.
         every: s between two looks.  idle: s without samples after which it ends.
-        until: half-width of the interval that ends it.
-        choices: of ``GrowingMoments``.
+        until: half-width of the interval that ends it.  choices: of ``GrowingMoments``.
     Yields:
         The moments, which go on growing, and a row a frequency, none before the first blocks are whole: samples (of
         the whole blocks), duration (s), frequency (Hz), impedance (of the whole liner), half_width (of its interval,

@@ -8,29 +8,26 @@ from types import SimpleNamespace
 from typing import Any
 
 from torchliner.io.csv_rows import write_rows
-from torchliner.io.whole_file import printable, writable
+from torchliner.io.whole_file import printable
 from torchliner.records.level_check import FAILS
 from torchliner.report.answer import Answer, Picture
-from torchliner.report.page import ENDING, write_page
+from torchliner.report.page import write_page
 from torchliner.report.studies import MOST_DRAWN, draw_cases
 from torchliner.report.table import Row, Table, bounds_of, table_of
 
-UNKNOWN = complex(math.nan, math.nan)
 EMPTY: Row = {  # a row of which nothing is known
     **dict.fromkeys(("unit", "file", "liner", "choices", "averaging", "source_side"), ""),
-    **dict.fromkeys(("height", "frequency"), math.nan),
-    **dict.fromkeys(("impedance", "low", "high"), UNKNOWN),
+    **dict.fromkeys(("height", "frequency", "notes"), math.nan),
+    **dict.fromkeys(("impedance", "low", "high"), complex(math.nan, math.nan)),
     **dict.fromkeys(("level_check", "status", "error", "hash", "campaign", "version"), ""),
-    "notes": math.nan,
 }
 COLUMNS = list(table_of([EMPTY]).as_rows()[0])  # of CSV
-PARTS = {complex: 2, float: 1}  # columns of a value
 DONE, FAILED = "done", "failed"
 
 
 def full_row(**known: Any) -> Row:
     """All values of a row."""
-    return EMPTY | {name: value for name, value in known.items() if value is not None}
+    return {name: empty if known.get(name) is None else known[name] for name, empty in EMPTY.items()}
 
 
 def index_table(rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -69,7 +66,7 @@ def _row_of(line: Mapping[str, str]) -> Row:
         if isinstance(empty, str):
             row[name] = (next(values) or "").removeprefix("'")  # which spreadsheets need
         else:
-            row[name] = type(empty)(*(float(next(values) or "nan") for _ in range(PARTS[type(empty)])))
+            row[name] = type(empty)(*(float(next(values) or "nan") for _ in range(1 + isinstance(empty, complex))))
     return row
 
 
@@ -78,16 +75,14 @@ def report_campaign(folder: Path, output: Path) -> Answer:
     rows = sorted(read_index(folder / "index.csv"), key=lambda row: (row["unit"], row["frequency"]))
     if not rows:
         raise ValueError(f"{folder} holds no index.csv; it is the folder of no campaign (torchliner run writes one)")
-    writable(output, ENDING)
-    done = [row for row in rows if row["status"] == DONE]
-    failed = {row["unit"]: row["error"] for row in rows if row["status"] != DONE}
+    done, failed = ([row for row in rows if (row["status"] == DONE) == well] for well in (True, False))
     fails = [row for row in done if row["level_check"].endswith(FAILS)]
-    notes = [f"{unit}: failed: {printable(error)}" for unit, error in failed.items()]
+    notes = [f"{row['unit']}: failed: {printable(row['error'])}" for row in failed]
     notes += [f"level check at {r['frequency']:g} Hz fails, {r['unit']}: {r['level_check']}" for r in fails]
     notes += [f"warnings in the map of {row['unit']}: {int(row['notes'])}" for row in done if row["notes"] > 0]
     first = [*{row["unit"]: row for row in reversed(done)}.values()][::-1][:MOST_DRAWN]
-    ends = [bounds_of(row) or (None, None) for row in first]
-    drawn = [{**row, "name": row["unit"], "low": a, "high": b} for row, (a, b) in zip(first, ends, strict=True)]
+    ends = (dict(zip(("low", "high"), bounds_of(row) or (None, None), strict=True)) for row in first)
+    drawn = [row | {"name": row["unit"]} | bounds for row, bounds in zip(first, ends, strict=True)]
     caption = "R and X over ρc of each case at its first frequency, with its interval."
     count = len({row["unit"] for row in rows})
     answer = Answer(

@@ -37,6 +37,7 @@ from torchliner.records.origin import input_file, with_choices
 from torchliner.records.velocity_plane import restated
 from torchliner.report.answer import answer_of
 from torchliner.report.curves import impedance_along_x
+from torchliner.report.of_map import map_rows
 from torchliner.report.table import Row, table_of
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe, moments
@@ -44,7 +45,7 @@ from torchliner.velocity.reading import Progress
 
 READS = "reads data"
 MOST_PLANES = 32  # whose blocks are under way at once
-FOLDERS = ("moments", "maps", "lines", "figures")  # of the results
+FOLDERS = ("moments", "maps", "lines")  # of the results, beside those of figures
 REDUCED = (*SETTINGS, "device", "dtype")  # choices that moments are made with
 Rows = list[Row]
 
@@ -64,11 +65,6 @@ class Unit:
     moments: Path  # their file, which other units may share
     plane: VelocityPlane  # with the facts of the campaign's file, its velocity still in its own
 
-    @property
-    def bytes(self) -> int:
-        """Of its velocity."""
-        return self.plane.velocity.dtype.itemsize * self.plane.samples * self.plane.probes
-
     def result(self, folder: str, ending: str) -> Path:
         """One of its files."""
         return self.campaign.output / folder / f"{self.name}{ending}"
@@ -80,14 +76,10 @@ class Unit:
 
     def rows(self, found: ImpedanceMap) -> Rows:
         """Of the index, one a frequency of the map."""
-        name, check, rows = found.averaging, found.level_check, Rows()
-        about = {"height": found.height, "source_side": found.source_side, "averaging": name}
-        for i, (f, z) in enumerate(zip(found.frequency.tolist(), found.answer.tolist(), strict=True)):
-            low, high = found.bounds_of_liner(name, i) or (None, None)
-            words = "" if check is None else check.words(name, i).removesuffix("-")
-            z_and_more = {"impedance": z, "low": low, "high": high, "level_check": words, "notes": len(found.notes)}
-            rows.append(self.row(frequency=f, status=DONE, **about, **z_and_more))
-        return rows
+        about = {"status": DONE, "source_side": found.source_side, "notes": len(found.notes)}
+        rows = [row for row in map_rows(found) if row["averaging"] == found.averaging]
+        checks = [row.get("level check", "").removesuffix("-") for row in rows]
+        return [self.row(**about, level_check=check, **row) for check, row in zip(checks, rows, strict=True)]
 
     def kept_rows(self) -> Rows | None:
         """Of the map, if it is there and of this unit as it is now."""
@@ -113,7 +105,7 @@ def plan(campaign: Campaign) -> Plan:
     """Units of a campaign, and which of them are done; nothing is written. A ValueError where two units have one name,
     the index is of another version, or results would go elsewhere by a link."""
     output = campaign.output
-    for folder in (output / name for name in FOLDERS):
+    for folder in (output / name for name in (*FOLDERS, "figures")):
         if not folder.resolve().is_relative_to(output.resolve()):
             raise ValueError(f"{folder} leads out of {output}, to {folder.resolve()}; remove the link")
     read_index(output / "index.csv")
@@ -142,6 +134,8 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
     with locked(campaign.output), warnings.catch_warnings(), contextlib.ExitStack() as stack:
         warnings.simplefilter("ignore", DataWarning)  # in the maps, and counted in the index
         found = plan(campaign)
+        for folder in FOLDERS:
+            (campaign.output / folder).mkdir(exist_ok=True)
         reads = {path: partial(_reduce, unit, progress, client) for path, unit in found.to_read.items()}
         if client is not None:  # all planes are under way at once
             pool = ThreadPoolExecutor(min(MOST_PLANES, sum(client.nthreads().values()) or 1))
@@ -162,7 +156,7 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
         for parts in campaign.output.glob("moments/*.parts"):  # of other choices, or left by a killed run
             if parts.with_suffix(".h5") not in found.to_read:
                 shutil.rmtree(parts, ignore_errors=True)
-        rows = [row | {"campaign": campaign.title, "version": __version__} for row in rows]
+        rows = [row | {"campaign": campaign.stated.title, "version": __version__} for row in rows]
         write_index(rows, campaign.output / "index.csv")
         return rows
 
@@ -174,7 +168,6 @@ def _reduce(unit: Unit, progress: Progress | None, client: Any) -> None:
     kept, tone = unit.moments.with_suffix(".parts"), unit.case.facts.get("frequency")
     plane = _plane_of(dataclasses.replace(unit.case, facts={} if tone is None else {"frequency": tone}))
     known = moments(plane, run=share_out(client, kept), progress=progress, **unit.request)
-    unit.moments.parent.mkdir(parents=True, exist_ok=True)
     known.write(unit.moments)
     shutil.rmtree(kept, ignore_errors=True)
 
@@ -184,17 +177,15 @@ def _educed(unit: Unit) -> Rows:
     output, case = unit.campaign.output, unit.case
     known = _moments_of(case, unit.moments)
     pressure = None if case.in_situ is None else read_pressure(case.in_situ)
-    found = educe(known, unit.model, [*unit.campaign.frequencies] or None, pressure=pressure, **unit.choices)
+    found = educe(known, unit.model, [*unit.campaign.stated.frequencies] or None, pressure=pressure, **unit.choices)
     if pressure is not None:
         (found,) = with_in_situ([found], [known.plane], pressure)
     what = "moments" if case.path == unit.moments else "velocity"
     kept = [each for each in found.choices["inputs"] if each["what"] not in ("velocity", "moments")]
     found = with_choices(found, inputs=[input_file(what, case.path), *kept], unit=unit.hash)
-    for folder in ("maps", "lines"):
-        (output / folder).mkdir(exist_ok=True)
     for i, f in enumerate(found.frequency.tolist()):
         table_of(impedance_along_x(found, i)).write_csv(unit.result("lines", f"_{f:.10g}Hz.csv"))
-    if unit.campaign.figures:
+    if unit.campaign.stated.figures:
         answer_of(found).write_pictures(output / "figures" / unit.name)
     found.write(unit.result("maps", ".h5"))
     return unit.rows(found)
@@ -209,22 +200,21 @@ def _units_of(case: Case, campaign: Campaign) -> list[Unit]:
     if not case.liners and plane.liner not in preset_names():
         fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
         raise ValueError(f"{case.shown} {fault}; state liner in [[planes]], or liners: {', '.join(preset_names())}")
-    data = [input_file("", path)["hash"] for path in case.files()]
+    data = [input_file("", path)["hash"] for path in case.files]
     beside = None if case.in_situ is None else input_file("", case.in_situ)["hash"]
-    asked, found = campaign.frequencies, []
-    phase_locked = any(Choices(**one).averaging == "phase-locked" for one in campaign.choices)
+    asked, found, sets = campaign.stated.frequencies, [], campaign.choices
+    varied = [key for key in sets[0] if any(one[key] != sets[0][key] for one in sets)]
     for liner in case.liners or (plane.liner,):
         model = load_liner(liner)
         content = _digest(sorted(model.describe().items()), *(Path(name).read_bytes() for name in model.files))
-        for choices in campaign.choices:
-            request = None if reduced else _reduction(plane, model, asked, choices, phase_locked)
-            plain = request and sorted((name, value) for name, value in request.items() if name != "liner")
-            of_liner = content if request and request["liner"] else ""
-            sums = (data, sorted(case.request.items()), plane.frequency, plain, of_liner, __version__)
+        for choices in sets:
+            request = None if reduced else _reduction(plane, model, asked, choices, sets)
+            plain = request and sorted({**request, "liner": "liner" in request and content}.items())
+            sums = (data, sorted(case.request.items()), plane.frequency, plain, __version__)
             facts = (sorted(case.facts.items()), sorted(choices.items()))
-            words = [case.name, Path(liner).stem, *(f"{key}={choices[key]}" for key in campaign.varied)]
+            words = [case.name, Path(liner).stem, *(f"{key}={choices[key]}" for key in varied)]
             name = "__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words)
-            own = _digest(sums, facts, content, asked, beside, campaign.figures)
+            own = _digest(sums, facts, content, asked, beside, campaign.stated.figures)
             file = case.path if reduced else campaign.output / "moments" / f"{case.name}-{_digest(*sums)}.h5"
             found.append(Unit(name, case, campaign, liner, model, choices, own, request, file, plane))
     return found
@@ -245,19 +235,19 @@ def _moments_of(case: Case, path: Path) -> Moments:
 
 
 def _reduction(
-    plane: VelocityPlane, model: LinerModel, frequencies: Sequence[float], choices: Mapping[str, Any], locked: bool
+    plane: VelocityPlane, model: LinerModel, frequencies: Sequence[float], choices: Any, sets: Sequence[Any]
 ) -> dict[str, Any]:
     """Moments that serve as many units as can share them: those of any liner, if it is smooth in |v|; of the averaging
-    that contains the others; at the tone unless other lines are needed."""
-    chosen = Choices(**choices)
-    kept = {name: value for name, value in choices.items() if name in REDUCED}
-    kept["averaging"] = "phase-locked" if locked else "admittance"
+    that contains those of all ``sets``; at the tone unless other lines are needed."""
+    chosen, locked = Choices(**choices), any(Choices(**one).averaging == "phase-locked" for one in sets)
     at_asked = chosen.phase != "averaged" or chosen.wall_filter is not None
     at_asked |= chosen.drive == "running-rms" and chosen.running_window is None  # one period
-    kept["frequency"] = list(frequencies) if frequencies and (at_asked or not plane.frequency) else None
-    if model.speed_max is not None:
-        return {"liner": model, **kept}
-    return {"liner": None, "cell_pitch": model.cell_pitch, **kept}
+    return {
+        **{name: value for name, value in choices.items() if name in REDUCED},
+        "averaging": "phase-locked" if locked else "admittance",
+        "frequency": list(frequencies) if frequencies and (at_asked or not plane.frequency) else None,
+        **({"cell_pitch": model.cell_pitch} if model.speed_max is None else {"liner": model}),
+    }
 
 
 def _digest(*facts: Any) -> str:

@@ -32,11 +32,12 @@ def run(options: argparse.Namespace) -> int:
     units = [{"unit": unit.name, "state": state} for unit, state in planned.units]
     units += [{"unit": row["unit"], "state": f"cannot be opened: {row['error']}"} for row in planned.failed]
     to_read = planned.to_read.values()
-    summary = f"{len(units)} units; {len(to_read)} planes to read, {sum(unit.bytes for unit in to_read) / 1e9:.3g} GB"
+    size = sum(each.plane.velocity.dtype.itemsize * each.plane.samples * each.plane.probes for each in to_read)
+    summary = f"{len(units)} units; {len(to_read)} planes to read, {size / 1e9:.3g} GB"
     if options.dry_run:
         work.show(options, work.told(summary, units, *(f"{u['unit']}: {u['state']}" for u in units)), lambda _: None)
         return 0
-    if campaign.figures:
+    if campaign.stated.figures:
         require_matplotlib()
     total = sum(2 * unit.plane.samples for unit in to_read)
     cluster = open_cluster(options.cluster, options.wait) if options.cluster else nullcontext()
