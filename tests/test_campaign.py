@@ -119,7 +119,6 @@ def test_a_campaign_is_its_eductions(capsys, campaign):
     assert (row["height"], row["file"], row["status"]) == (1e-3, "a/one.h5", "done")
     found = tl.read_map(folder / "maps" / f"{row['unit']}.h5")
     assert complex(found.answer[1]) == complex(row["resistance"], row["reactance"])
-    assert (folder / "lines" / f"{row['unit']}_1600Hz.csv").exists()
     table = table_of(folder / "index.csv")
     assert [float(r["resistance"]) for r in table] == [r["resistance"] for r in rows]
     assert [*table[0]] == [*COLUMNS]
@@ -221,27 +220,6 @@ def test_a_failing_unit_stops_no_other(capsys, campaign):
     assert (code, len(rows)) == (0, 12)
 
 
-def test_moments_stand_for_a_plane(capsys, campaign, readings):
-    """A plane that is reduced already: no reading, the numbers of the plane, other facts about it;
-    done again when the file of moments changes."""
-    folder, pitch = campaign.parent, tl.load_liner("polito").cell_pitch
-    _, wanted, _ = done(capsys, campaign, "--output", folder / "whole")
-    tl.moments(tl.read_plane(folder / "b.h5"), cell_pitch=pitch).write(folder / "b.moments.h5")
-    text = TOML.replace('"a/*.h5", "b.h5"', '"b.moments.h5"')
-    campaign.write_text(text.replace('liner = "polito"', 'liner = "polito"\nheight = 5e-3'))
-    readings.clear()
-    code, rows, _ = done(capsys, campaign)
-    assert (code, readings) == (0, [])
-    for mine, theirs in zip(rows, (row for row in wanted if row["file"] == "b.h5"), strict=True):
-        assert (mine["height"], mine["file"]) == (5e-3, "b.moments.h5")
-        for name in ("resistance", "reactance", "resistance_low", "reactance_high"):
-            assert mine[name] == pytest.approx(theirs[name], rel=1e-5)
-    assert done(capsys, campaign)[1] == rows
-    tl.moments(tl.read_plane(folder / "a" / "one.h5"), cell_pitch=pitch).write(folder / "b.moments.h5")
-    changed = done(capsys, campaign)[1]
-    assert not {row["resistance"] for row in changed} & {row["resistance"] for row in rows}
-
-
 def test_facts_that_leave_the_file_are_gone(capsys, smallest, readings):
     """What was stated of a plane is not kept with its moments, which are not read again."""
     text = smallest.read_text()
@@ -258,20 +236,6 @@ def test_facts_that_leave_the_file_are_gone(capsys, smallest, readings):
     maps = [tl.read_map(next((smallest.parent / name / "maps").glob("*.h5"))) for name in ("fresh", "c_results")]
     for name in ("mach", "height", "source_side", "notes"):
         assert getattr(maps[0], name) == getattr(maps[1], name)
-
-
-@pytest.mark.parametrize(
-    ("stated", "words"),
-    [
-        ("frequency = 1500.0", "reduced with 1400 Hz: leave out frequency = 1500"),
-        ('axes = ["t", "x"]', "which are read as they are: leave out axes"),
-    ],
-)
-def test_of_moments_no_tone_or_layout_is_stated(capsys, smallest, stated, words):
-    tl.moments(tl.read_plane(smallest.parent / "b.h5")).write(smallest.parent / "b.h5")
-    smallest.write_text(smallest.read_text().replace("liner =", f"{stated}\nliner ="))
-    code, (row,), _ = done(capsys, smallest)
-    assert (code, row["status"], words in row["error"]) == (1, "failed", True)
 
 
 def test_a_pressure_record_stands_beside(capsys, tmp_path, unrendered):

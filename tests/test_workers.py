@@ -99,7 +99,7 @@ def test_a_share_is_of_its_drive_and_probes(tmp_path, file, small, read):
 
 def test_data_do_not_travel(tmp_path):
     for run in (share_out(object()), share_out(kept=tmp_path)):
-        with pytest.raises(ValueError, match="read that with lazy=True"):
+        with pytest.raises(ValueError, match="read its file with lazy=True"):
             tl.moments(plane_of(turbulence((2, 600))), run=run)
 
 

@@ -110,14 +110,12 @@ def read_campaign(path: str | Path, output: str | Path | None = None) -> Campaig
             found[match] = each
     names = unique_names(found)
     cases = [_case(*each, name, table.liners, folder) for each, name in zip(found.items(), names, strict=True)]
-    # ``interval = false`` is None, for which TOML has no word.
-    chosen = table.choices.model_dump(exclude_unset=True).items()
-    lists: dict[str, list[Any]] = {
-        key: [None if key == "interval" and v is False else v for v in _listed(value)] for key, value in chosen
-    }
+    lists = {key: _listed(value) for key, value in table.choices.model_dump(exclude_unset=True).items()}
     sets = [dict(zip(lists, each, strict=True)) for each in itertools.product(*lists.values())]
     with naming(path):
         for one in sets:
+            if one.get("interval") is False:  # None, for which TOML has no word
+                one["interval"] = None
             Choices(**one)
     return Campaign(path, target, cases, sets, table)
 

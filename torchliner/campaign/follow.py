@@ -138,18 +138,14 @@ class Frames:
         self._done = 0
 
     def files(self) -> list[Path]:
-        """As they are now."""
+        """As they are now; p9 before p10."""
         inside = [each for each in self.path.iterdir() if each.suffix.lower() in HDF5] if self.path.is_dir() else []
-        return sorted(inside, key=_natural) or [self.path]
+        order = {each: [int(p) if p.isdecimal() else p for p in re.split(r"(\d+)", each.name)] for each in inside}
+        return sorted(inside, key=lambda each: order[each]) or [self.path]
 
     def new(self) -> Iterator[VelocityPlane]:
-        """What has come since, piece by piece, with all that is stated of the plane.
-
-        Raises:
-            OSError, ValueError: a file cannot be read that others follow; what was read before has become shorter.
-        Warns:
-            DataWarning: samples stand in two files.
-        """
+        """What has come since, piece by piece, with all that is stated of the plane. An OSError or a ValueError where
+        a file cannot be read that others follow, or what was read before has become shorter."""
         files, self.error = self.files(), None
         try:
             plane = read_plane(files, lazy=True, **self.request)
@@ -165,11 +161,6 @@ class Frames:
             slab = plane.read(begin, min(begin + rows, plane.samples))
             self._done = begin + len(slab)
             yield dataclasses.replace(plane, velocity=slab.T.reshape(*plane.probe_shape, -1))
-
-
-def _natural(path: Path) -> list[Any]:
-    """Numbers as numbers: p9 before p10."""
-    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
 
 
 def follow(

@@ -42,11 +42,7 @@ def write_index(rows: Sequence[Row], path: Path) -> None:
 
 
 def read_index(path: Path) -> list[Row]:
-    """What ``write_index`` wrote; none where there is no file.
-
-    Raises:
-        ValueError: that of another version of this package, or a damaged one.
-    """
+    """What ``write_index`` wrote, none where there is no file; a ValueError for that of another version, or damaged."""
     if not path.exists():
         return []
     with path.open(newline="", encoding="utf-8", errors="replace") as file:

@@ -11,7 +11,7 @@ import json
 import re
 import shutil
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -22,9 +22,9 @@ from torchliner.campaign.campaign_file import Campaign, Case
 from torchliner.campaign.index import DONE, FAILED, full_row, read_index, write_index
 from torchliner.campaign.workers import share_out
 from torchliner.checks import DataWarning
-from torchliner.engine.moments import SETTINGS, Moments
+from torchliner.engine.moments import SETTINGS
 from torchliner.io.microphone_file import read_pressure
-from torchliner.io.moments_file import holds_moments, read_moments
+from torchliner.io.moments_file import read_moments
 from torchliner.io.own_file import read_map
 from torchliner.io.planes import read_plane
 from torchliner.io.whole_file import locked, printable, writable_folder
@@ -36,16 +36,15 @@ from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import input_file, with_choices
 from torchliner.records.velocity_plane import restated
 from torchliner.report.answer import answer_of
-from torchliner.report.curves import impedance_along_x
 from torchliner.report.of_map import map_rows
-from torchliner.report.table import Row, table_of
+from torchliner.report.table import Row
 from torchliner.velocity.choices import Choices
 from torchliner.velocity.educe import educe, moments
 from torchliner.velocity.reading import Progress
 
 READS = "reads data"
 MOST_PLANES = 32  # whose blocks are under way at once
-FOLDERS = ("moments", "maps", "lines")  # of the results, beside those of figures
+FOLDERS = ("moments", "maps")  # of the results, beside those of figures
 REDUCED = (*SETTINGS, "device", "dtype")  # choices that moments are made with
 Rows = list[Row]
 
@@ -61,13 +60,10 @@ class Unit:
     model: LinerModel
     choices: Mapping[str, Any]  # of ``educe``
     hash: str  # of everything that its results depend on
-    request: Mapping[str, Any] | None  # of ``torchliner.moments``; None where moments are what the case names
+    request: Mapping[str, Any]  # of ``torchliner.moments``
     moments: Path  # their file, which other units may share
-    plane: VelocityPlane  # with the facts of the campaign's file, its velocity still in its own
-
-    def result(self, folder: str, ending: str) -> Path:
-        """One of its files."""
-        return self.campaign.output / folder / f"{self.name}{ending}"
+    map: Path  # file of the result
+    plane: VelocityPlane  # as it is reduced, its velocity still in its file
 
     def row(self, **known: Any) -> Row:
         """Of the index."""
@@ -84,7 +80,7 @@ class Unit:
     def kept_rows(self) -> Rows | None:
         """Of the map, if it is there and of this unit as it is now."""
         with contextlib.suppress(OSError, ValueError):
-            found = read_map(self.result("maps", ".h5"))
+            found = read_map(self.map)
             return self.rows(found) if found.choices.get("unit") == self.hash else None
         return None
 
@@ -162,90 +158,70 @@ def run_campaign(campaign: Campaign, *, client: Any = None, progress: Progress |
 
 
 def _reduce(unit: Unit, progress: Progress | None, client: Any) -> None:
-    """The moments of a unit's plane; finished blocks stay until these are whole. Of the facts that are stated only the
-    tone goes in, so that moments outlive a change of the others."""
-    assert unit.request is not None
-    kept, tone = unit.moments.with_suffix(".parts"), unit.case.facts.get("frequency")
-    plane = _plane_of(dataclasses.replace(unit.case, facts={} if tone is None else {"frequency": tone}))
-    known = moments(plane, run=share_out(client, kept), progress=progress, **unit.request)
+    """The moments of a unit's plane; finished blocks stay until these are whole."""
+    kept = unit.moments.with_suffix(".parts")
+    known = moments(unit.plane, run=share_out(client, kept), progress=progress, **unit.request)
     known.write(unit.moments)
     shutil.rmtree(kept, ignore_errors=True)
 
 
 def _educed(unit: Unit) -> Rows:
-    """Lines, figures and map of a unit, and its rows; the map last, which says that all is there."""
-    output, case = unit.campaign.output, unit.case
-    known = _moments_of(case, unit.moments)
+    """Figures and map of a unit, and its rows; the map last, which says that all is there."""
+    case = unit.case
+    known = read_moments(unit.moments)
+    plane = dataclasses.replace(restated(known.plane, case.facts), name=case.shown)
+    known = dataclasses.replace(known, plane=plane)
     pressure = None if case.in_situ is None else read_pressure(case.in_situ)
     found = educe(known, unit.model, [*unit.campaign.stated.frequencies] or None, pressure=pressure, **unit.choices)
     if pressure is not None:
-        (found,) = with_in_situ([found], [known.plane], pressure)
-    what = "moments" if case.path == unit.moments else "velocity"
-    kept = [each for each in found.choices["inputs"] if each["what"] not in ("velocity", "moments")]
-    found = with_choices(found, inputs=[input_file(what, case.path), *kept], unit=unit.hash)
-    for i, f in enumerate(found.frequency.tolist()):
-        table_of(impedance_along_x(found, i)).write_csv(unit.result("lines", f"_{f:.10g}Hz.csv"))
+        (found,) = with_in_situ([found], [plane], pressure)
+    others = [each for each in found.choices["inputs"] if each["what"] != "moments"]
+    found = with_choices(found, inputs=[input_file("velocity", case.path), *others], unit=unit.hash)
     if unit.campaign.stated.figures:
-        answer_of(found).write_pictures(output / "figures" / unit.name)
-    found.write(unit.result("maps", ".h5"))
+        answer_of(found).write_pictures(unit.campaign.output / "figures" / unit.name)
+    found.write(unit.map)
     return unit.rows(found)
 
 
 def _units_of(case: Case, campaign: Campaign) -> list[Unit]:
     """Every liner with every set of choices."""
-    reduced = holds_moments(case.path)
-    if reduced and case.request:
-        raise ValueError(f"{case.path} holds moments, which are read as they are: leave out {', '.join(case.request)}")
-    plane = _moments_of(case, case.path).plane if reduced else _plane_of(case)
+    # With no other fact than the tone: moments outlive a change of others.
+    tone = {name: fact for name, fact in case.facts.items() if name == "frequency"}
+    plane = dataclasses.replace(restated(read_plane(case.path, lazy=True, **case.request), tone), name=case.shown)
     if not case.liners and plane.liner not in preset_names():
         fault = f"names {plane.liner!r}, which is no preset" if plane.liner else "names no liner"
         raise ValueError(f"{case.shown} {fault}; state liner in [[planes]], or liners: {', '.join(preset_names())}")
     data = [input_file("", path)["hash"] for path in case.files]
     beside = None if case.in_situ is None else input_file("", case.in_situ)["hash"]
-    asked, found, sets = campaign.stated.frequencies, [], campaign.choices
+    output, sets, stated, found = campaign.output, campaign.choices, campaign.stated, []
     varied = [key for key in sets[0] if any(one[key] != sets[0][key] for one in sets)]
     for liner in case.liners or (plane.liner,):
         model = load_liner(liner)
         content = _digest(sorted(model.describe().items()), *(Path(name).read_bytes() for name in model.files))
         for choices in sets:
-            request = None if reduced else _reduction(plane, model, asked, choices, sets)
-            plain = request and sorted({**request, "liner": "liner" in request and content}.items())
+            request = _reduction(plane, model, choices, campaign)
+            plain = sorted({**request, "liner": "liner" in request and content}.items())
             sums = (data, sorted(case.request.items()), plane.frequency, plain, __version__)
             facts = (sorted(case.facts.items()), sorted(choices.items()))
             words = [case.name, Path(liner).stem, *(f"{key}={choices[key]}" for key in varied)]
             name = "__".join(re.sub(r"[^\w.=+-]+", "-", word) for word in words)
-            own = _digest(sums, facts, content, asked, beside, campaign.stated.figures)
-            file = case.path if reduced else campaign.output / "moments" / f"{case.name}-{_digest(*sums)}.h5"
-            found.append(Unit(name, case, campaign, liner, model, choices, own, request, file, plane))
+            own = _digest(sums, facts, content, stated.frequencies, beside, stated.figures)
+            files = (output / f"moments/{case.name}-{_digest(*sums)}.h5", output / f"maps/{name}.h5")
+            found.append(Unit(name, case, campaign, liner, model, choices, own, request, *files, plane))
     return found
 
 
-def _plane_of(case: Case) -> VelocityPlane:
-    """With the facts of the campaign's file, called as that file calls it; velocity stays in its file."""
-    plane = read_plane(case.path, lazy=True, **case.request)
-    return dataclasses.replace(restated(plane, case.facts), name=case.shown)
-
-
-def _moments_of(case: Case, path: Path) -> Moments:
-    """The same of moments; ValueError for another tone than the one that their blocks were cut for."""
-    known, tone = read_moments(path), case.facts.get("frequency")
-    if tone is not None and tone != (made := known.plane.frequency):
-        raise ValueError(f"{case.shown} was reduced with {made or 0:g} Hz: leave out frequency = {tone:g}")
-    return dataclasses.replace(known, plane=dataclasses.replace(restated(known.plane, case.facts), name=case.shown))
-
-
-def _reduction(
-    plane: VelocityPlane, model: LinerModel, frequencies: Sequence[float], choices: Any, sets: Sequence[Any]
-) -> dict[str, Any]:
+def _reduction(plane: VelocityPlane, model: LinerModel, choices: Any, campaign: Campaign) -> dict[str, Any]:
     """Moments that serve as many units as can share them: those of any liner, if it is smooth in |v|; of the averaging
-    that contains those of all ``sets``; at the tone unless other lines are needed."""
-    chosen, locked = Choices(**choices), any(Choices(**one).averaging == "phase-locked" for one in sets)
+    that contains those of all units; at the tone unless other lines are needed."""
+    chosen, frequencies = Choices(**choices), [*campaign.stated.frequencies]
+    locked = any(Choices(**one).averaging == "phase-locked" for one in campaign.choices)
     at_asked = chosen.phase != "averaged" or chosen.wall_filter is not None
     at_asked |= chosen.drive == "running-rms" and chosen.running_window is None  # one period
     return {
         **{name: value for name, value in choices.items() if name in REDUCED},
         "averaging": "phase-locked" if locked else "admittance",
-        "frequency": list(frequencies) if frequencies and (at_asked or not plane.frequency) else None,
+        "frequency": frequencies if frequencies and (at_asked or not plane.frequency) else None,
         **({"cell_pitch": model.cell_pitch} if model.speed_max is None else {"liner": model}),
     }
 

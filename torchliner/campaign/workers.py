@@ -42,10 +42,7 @@ def share_out(client: Any = None, kept: Path | None = None) -> Reduce:
 
     def run(record: Record, blocks: Blocks, jobs: Sequence[Job]) -> list[Tensor]:
         if isinstance(record.plane.velocity, Tensor):
-            raise ValueError(
-                f"{record.plane.name} is in memory, and workers read for themselves; write it to a file, and read "
-                "that with lazy=True"
-            )
+            raise ValueError(f"{record.plane.name} is in memory; write it, and read its file with lazy=True")
         count = min(blocks.count, -(-record.columns * int(blocks.lengths.sum()) // SHARE))
         shares = [range(blocks.count * i // count, blocks.count * (i + 1) // count) for i in range(count)]
         sent = (dataclasses.replace(record, progress=None), blocks, list(jobs))
@@ -154,11 +151,11 @@ def open_cluster(where: str, wait: float | None = None) -> Iterator[Any]:
     wait = WAIT if wait is None else wait
     # What dask does to its workers makes small tensor operations 15 times dearer; stated where they are started, as
     # they take it over before anything of theirs runs.
-    names = ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
-    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": 1 << 30 for name in names}
+    malloc = ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
+    settings: dict[str, Any] = {f"distributed.nanny.pre-spawn-environ.{name}": 1 << 30 for name in malloc}
+    settings |= {"distributed.comm.timeouts.connect": f"{wait}s", "torchliner.wait": wait}
     # What a second reading must know of the first takes some MB, sent once.
-    settings |= {"distributed.admin.large-graph-warning-threshold": "1GB", "torchliner.wait": wait}
-    settings["distributed.comm.timeouts.connect"] = f"{wait}s"
+    settings["distributed.admin.large-graph-warning-threshold"] = "1GB"
     with dask.config.set(settings), ExitStack() as stack:
         place: Any = where
         if local:  # any port, so that several can be; a limit of memory would count the page cache
