@@ -286,6 +286,18 @@ def test_coherence_does_not_know_other_frequencies(liner, shape):
     assert torch.equal(alone.phase_rule[:, 0], beside.phase_rule[:, 1])
 
 
+@doubtful
+def test_a_mean_velocity_is_no_tone(liner):
+    """Amplitude and coherence are those without it, where no whole number of samples is a period, and between lines."""
+    rate, asked = 41111.0, [FREQUENCY, 900.0]
+    v = turbulence((3, 1500), rms=0.02) + 0.1 * torch.cos(2 * torch.pi * FREQUENCY / rate * torch.arange(1500))
+    still, moved = (
+        tl.educe(plane_of(each, sampling_rate=rate), liner, asked, mean="removed") for each in (v, v + 10.0)
+    )
+    assert float((moved.velocity_amplitude - still.velocity_amplitude).abs().max()) < 1e-9
+    assert float((moved.coherence - still.coherence).abs().max()) < 1e-9
+
+
 def test_autocast_around_an_eduction_has_no_effect(liner):
     plane = plane_of(turbulence((12, 600)).float())
     wanted = tl.educe(plane, liner)
