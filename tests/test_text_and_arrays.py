@@ -104,6 +104,18 @@ def test_sounds_that_were_streamed_or_broken_off(tmp_path, content, message):
     assert read_signal(stored(tmp_path, wav(), "b.wav")).sampling_rate == 8000
 
 
+@pytest.mark.parametrize(("order", "kind", "scale"), [("<", "i2", 2**15), (">", "i2", 2**15), ("<", "u1", 2**7)])
+def test_a_sound_of_either_byte_order_and_of_8_bits(tmp_path, order, kind, scale):
+    values = np.array([0, 1, -2, 100]) + (128 if kind == "u1" else 0)  # 8 bits count from 128
+    data = values.astype(order + kind).tobytes()
+    size = len(data) // len(values)
+    head = struct.pack(order + "IHHIIHH", 16, 1, 1, 8000, 8000 * size, size, 8 * size)
+    body = b"WAVEfmt " + head + b"data" + struct.pack(order + "I", len(data)) + data
+    content = (b"RIFF" if order == "<" else b"RIFX") + struct.pack(order + "I", len(body)) + body
+    found = read_signal(stored(tmp_path, content, "a.wav"))
+    assert (found.sampling_rate, found.signal.tolist()) == (8000, [0, 1 / scale, -2 / scale, 100 / scale])
+
+
 def archive():
     kept = io.BytesIO()
     np.savez(kept, a=np.ones(3))
