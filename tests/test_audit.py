@@ -64,6 +64,16 @@ def row(found, factor: str, start: str):
     return one
 
 
+def test_halves_of_an_odd_number_of_blocks_are_as_long(onera):
+    """The block in the middle, one of seven, belongs to neither."""
+    plane = make_plane()
+    plane = dataclasses.replace(plane, velocity=plane.velocity[:, : round(7 * RATE / FREQUENCY)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tl.DataWarning)
+        rows = audit(plane, onera, averaging="admittance", allow_short=True).of(factor="half the record")
+    assert {each.variant for each in rows} == {f"{name}, mean over 3 whole periods" for name in ("first", "second")}
+
+
 @pytest.mark.parametrize("averaging", ["phase-locked", "velocity"])
 @pytest.mark.parametrize(
     ("factor", "variant", "choices"),

@@ -52,6 +52,9 @@ def test_a_sound_field_qualifies_where_its_modulation_has_died(liner):
     assert study.heights["velocity"] == 1e-3
     settled = {j.height for j in study.judged if j.averaging == "admittance" and j.name == "change" and j.passed}
     assert study.heights["admittance"] == next(y for y in heights if apart[y] <= 0.1 and y in settled)
+    low, above = (row.impedance["admittance"] for row in study.rows[:2])
+    (moved,) = (j for j in study.judged if (j.height, j.averaging, j.name) == (1e-3, "admittance", "change"))
+    assert moved.value == pytest.approx(abs(above - low) / abs(low))
     last = [j for j in study.judged if j.height == 9e-3 and j.name == "change"]
     assert {(one.value, one.passed) for one in last} == {(None, False)}
 

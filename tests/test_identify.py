@@ -7,7 +7,7 @@ import math
 
 import pytest
 import torch
-from conftest import DATA, FREQUENCY, plane_of, turbulence
+from conftest import DATA, FREQUENCY, RATE, plane_of, turbulence
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -73,6 +73,18 @@ def test_a_smooth_law_is_recovered_where_it_was_seen():
     assert float(inside.double().mean()) > 0.9
     assert low < 0.05
     assert 2 < high < 2 * LEVELS[-1]
+
+
+def test_speeds_are_seen_where_a_spline_of_the_runs_begins():
+    """|v| of 2 to 3 m/s says nothing of rest: the first spline that is seen is 0 below the least speed, not above."""
+    tone = 2 * torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(420) + 0.1).sign()
+    runs = [plane_of(k * tone + turbulence((4, 420), rms=0.02), name=f"run {k:g}") for k in (1.0, 1.25, 1.5)]
+    wanted = [impedance(each, true_liner()) for each in runs]
+    fit = tl.identify(runs, base(), wanted, noise=1e-3, freedom=1.0, averaging=ORDER).fit
+    low, first = fit.seen_speeds[0], int(fit.seen.nonzero()[0])
+    assert 0.1 < low < 2
+    under, over = fit.knots.splines(torch.tensor([0.99 * low, 1.01 * low], dtype=torch.float64))[:, first]
+    assert (float(under), float(over) > 0) == (0.0, True)
 
 
 class Rising(LinerModel):

@@ -182,6 +182,15 @@ def test_tones_come_back_with_the_phase_of_the_reference():
     assert found.segments == 15
 
 
+def test_overlapping_segments_count_as_fewer_independent_ones():
+    """15 that overlap by half as 11.4, under Hann's window; n from the error and the coherence that are given."""
+    line = line_of(places=PLACES[:6], frequency=(1500.0,))
+    pressure, reference = signals_of(line, 8000, noise=4.0)
+    found = reject_flow_noise(pressure, reference, line.frequency, RATE)
+    counted = 1 + (1 - found.coherence) / (2 * found.coherence * found.relative_error**2)
+    assert counted.flatten().tolist() == pytest.approx([11.44] * 6, abs=0.05)
+
+
 def test_flow_noise_is_rejected_and_its_error_predicted():
     """At coherences near 0.9 the scatter over 60 records is the predicted one, without bias."""
     line = line_of(places=PLACES[:6], frequency=(1500.0,))

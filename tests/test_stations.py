@@ -13,8 +13,11 @@ from test_burst_files import write_burst_csv
 import torchliner as tl
 from torchliner.bursts import line as bursts_module
 from torchliner.bursts.averages import monte_carlo, station_intervals
+from torchliner.bursts.station import segment_means as of_segments
 from torchliner.cli.main import main
 from torchliner.conversions import admittance_from_reflection
+from torchliner.liners.model import LinerModel
+from torchliner.velocity.choices import Choices
 
 pytestmark = pytest.mark.filterwarnings("ignore::torchliner.DataWarning")
 
@@ -228,6 +231,33 @@ def test_intervals_cover_with_overlapping_segments():
     for part in (np.real, np.imag):
         inside = (part(low) <= part(true)) & (part(true) <= part(high))
         assert abs(inside.mean() - 0.95) < 0.027
+
+
+def test_an_average_of_many_stations_scatters_less(onera):
+    """Four stations that are one: a standard error of half its own, of as small a scatter."""
+    one = educed([station(1, tone=3.0, rms=0.3)], onera)
+    four = educed([station(1, tone=3.0, rms=0.3, x=0.01 * i, title=f"s{i}") for i in range(4)], onera)
+    ratio = four.average.interval.standard_error / one.average.interval.standard_error.real
+    assert float(ratio.real) == pytest.approx(0.5, rel=0.01)
+
+
+class Flat(LinerModel):
+    """The same at every frequency."""
+
+    def impedance(self, frequency, speed=0.0):
+        return 0.5 - 0.3j + torch.as_tensor(speed) + 0 * torch.as_tensor(frequency)
+
+
+@pytest.mark.parametrize("window", ["hann", "whole-periods"])
+def test_a_constant_reflection_has_nothing_at_twice_the_tone(window):
+    """<R e^{-2jwt}> less what the mean leaves, over 2.4 periods of |v| = 2 m/s."""
+    sign = torch.randn(3, 100, generator=torch.Generator().manual_seed(0), dtype=torch.float64).sign()
+    plane = tl.VelocityPlane(2 * sign, sampling_rate=60e3, frequency=1430.0)
+    choices = Choices(averaging="admittance", phase="self-consistent", allow_short=True)
+    frequency = torch.tensor([1430.0], dtype=torch.float64)
+    a, b, *_ = of_segments(plane, Flat(), frequency, choices, window)
+    assert float(b.abs().max()) < 1e-9
+    assert float((a - (2.5 - 0.3j - 1) / (2.5 - 0.3j + 1)).abs().max()) < 1e-9
 
 
 def test_the_bias_of_short_segments_is_taken_off_the_bounds():
