@@ -82,9 +82,8 @@ def setup() -> None:
         # torch alone first: the builds' index must never serve the other packages.
         pinned = re.findall(r"^torch==\S+", pins, re.MULTILINE)
         install("--no-deps", *(["--index-url", index] if index else []), torch or (pinned or ["torch"])[0])
-    constraints = ROOT / "constraints.txt"
+    constraints = ENVIRONMENT / "constraints-without-torch.txt" if torch else ROOT / "constraints.txt"
     if torch:
-        constraints = ENVIRONMENT / "constraints-without-torch.txt"
         constraints.write_text(re.sub(r"^torch==.*\n", "", pins, flags=re.MULTILINE))
     install("-c", constraints, "-e", ".[test]")
     STAMP.write_text(wanted)

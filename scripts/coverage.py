@@ -156,21 +156,22 @@ def clean_line(side: str) -> tl.MicrophoneLine:
     return tl.MicrophoneLine(X, pressure, FREQUENCIES, duct_height=HEIGHT, mach=MACH, source_side=side)
 
 
-def held_by_draws(method: str, side: str, size: float, lines: int, draws: int) -> float:
-    """Share of the intervals, of draws of the errors as assumed, that hold R and X of noisy lines."""
-    line, random, held = clean_line(side), torch.Generator().manual_seed(5), list[Tensor]()
+def held_by_draws(method: str, side: str, size: float, lines: int, draws: int) -> tuple[float, list[WallEduction]]:
+    """Share of the intervals, of draws of the errors as assumed, that hold R and X of noisy lines; what was found."""
+    line, random, found, held = clean_line(side), torch.Generator().manual_seed(5), [], []
     level, phase = LEVEL_ERROR * size, PHASE_ERROR * size
     for pressure in draw_pressures(line.pressure, lines, random, level_error=level, phase_error=phase):
-        low, high = METHODS[method](dataclasses.replace(line, pressure=pressure), draws=draws).interval()
+        found.append(METHODS[method](dataclasses.replace(line, pressure=pressure), draws=draws))
+        low, high = found[-1].interval()
         held += [(low.real < WALLS.real) & (WALLS.real < high.real)]
         held += [(low.imag < WALLS.imag) & (WALLS.imag < high.imag)]
-    return float(torch.stack(held).double().mean())
+    return float(torch.stack(held).double().mean()), found
 
 
 def waves(trials: int = 200) -> Rows:
     """Of every method, side of the source and size of the errors; 200 draws each."""
     for side, method, size in itertools.product(SIDES, METHODS, SIZES):
-        held = 100 * held_by_draws(method, side, size, trials, 200)
+        held = 100 * held_by_draws(method, side, size, trials, 200)[0]
         yield {"method": method, "source": side, "errors": size, "held (%)": held}
 
 
