@@ -30,7 +30,7 @@ import torchliner as tl
 from common import options_of, parser_of
 from torchliner.duct.dispersion import wavenumber_from_impedance
 from torchliner.liners.model import LinerModel
-from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, draw_pressures
+from torchliner.pressure.microphone_errors import LEVEL_ERROR, PHASE_ERROR, MicrophoneErrors
 from torchliner.pressure.two_waves import two_wave_fit
 from torchliner.pressure.waves import kumaresan_tufts
 from torchliner.records import WallEduction
@@ -158,9 +158,8 @@ def clean_line(side: str) -> tl.MicrophoneLine:
 
 def held_by_draws(method: str, side: str, size: float, lines: int, draws: int) -> tuple[float, list[WallEduction]]:
     """Share of the intervals, of draws of the errors as assumed, that hold R and X of noisy lines; what was found."""
-    line, random, found, held = clean_line(side), torch.Generator().manual_seed(5), [], []
-    level, phase = LEVEL_ERROR * size, PHASE_ERROR * size
-    for pressure in draw_pressures(line.pressure, lines, random, level_error=level, phase_error=phase):
+    line, found, held = clean_line(side), [], []
+    for pressure in MicrophoneErrors(LEVEL_ERROR * size, PHASE_ERROR * size, lines, seed=5).drawn(line.pressure):
         found.append(METHODS[method](dataclasses.replace(line, pressure=pressure), draws=draws))
         low, high = found[-1].interval()
         held += [(low.real < WALLS.real) & (WALLS.real < high.real)]

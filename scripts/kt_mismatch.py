@@ -17,13 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 import torchliner as tl
 from common import run_study
 from torchliner.duct.case import impedance_along
 from torchliner.duct.presets import DuctSetup
-from torchliner.pressure.microphone_errors import draw_pressures
+from torchliner.pressure.microphone_errors import MicrophoneErrors
 from torchliner.report import figure as fig
 from torchliner.studies.variants import Row
 
@@ -90,8 +89,7 @@ def ranks_and_noise() -> list[Row]:
         for error in ERRORS:
             errors: Any = {"level_error": error, "phase_error": error}
             # As stated: draws= would raise them to what the residual of the model shows.
-            random = torch.Generator().manual_seed(0)
-            noisy = replace(line, pressure=draw_pressures(line.pressure, DRAWS, random, **errors))
+            noisy = replace(line, pressure=MicrophoneErrors(draws=DRAWS, **errors).drawn(line.pressure))
             found = {"KT": tl.kumaresan_tufts(noisy).impedance, "two waves": tl.two_wave_fit(noisy).impedance}
             if error == 0.1:
                 found["LEE fit"] = tl.fit_field(line, solver, draws=DRAWS, **errors).drawn

@@ -107,7 +107,7 @@ def test_microphones_over_the_liner_alone_are_used():
     line = line_of(pressure, liner_start=float(X[2]) - 1e-3, liner_end=float(X[-2]) + 1e-3)
     found = kumaresan_tufts(line)
     assert found.x.tolist() == X[2:-1].tolist()
-    assert found.order == 4
+    assert found.choices["order"] == 4
     assert relative_error(found.impedance, WALLS) < 1e-10
     assert len(kumaresan_tufts(line, margin=2e-3).x) == 7
 
@@ -125,7 +125,6 @@ def noisy(pressure, count: int, seed: int):
     [
         ({"order": 7}, "12 microphones are fewer than twice the order, 7; the most is 6"),
         ({"rank": 7}, "rank is 7; it must be 1 to the order, 6"),
-        ({"source_side": "left"}, "source_side is 'left'; give 'upstream' or 'downstream'"),
         ({"condition": "myers"}, "unknown condition 'myers' .did you mean 'ingard-myers'"),
         ({"draws": -1}, "draws is -1; 0 for none, or at least 2"),
         ({"draws": 5, "phase_error": math.nan}, "phase_error is nan"),
@@ -228,7 +227,7 @@ def test_ties_and_drawn_errors():
     scatter = two_wave_fit(noisy(pressure, 300, seed=1)).impedance
     one = noisy(pressure, 1, seed=2)
     line = dataclasses.replace(one, pressure=one.pressure[0])
-    found = two_wave_fit(line, draws=300, generator=torch.Generator().manual_seed(3))
+    found = two_wave_fit(line, draws=300, seed=3)
     for part in ("real", "imag"):
         drawn, seen = getattr(found.deviation, part), getattr(scatter, part).std(0)
         # 4 % for each deviation from 300 values; the slope at a noisy line differs by a few %.
@@ -252,8 +251,8 @@ def rigid_line(mach=0.25, side="upstream", **about) -> MicrophoneLine:
 def test_two_flush_microphones_set_the_level():
     """120 dB at the liner's edge, reflection turned there; the source's side decides which wave is incident."""
     line = rigid_line()
-    for some in ([1, 2], [0, 2], None):
-        found = sort_waves(line, some)
+    for some in ([1, 2, 3], [0, 2, 4], range(7)):
+        found = sort_waves(line.select(some))
         assert found.incident_level.tolist() == pytest.approx([120.0] * 3, abs=1e-9)
         assert found.at == 0.2
         for f, hertz in enumerate(FREQUENCY.tolist()):
@@ -278,7 +277,7 @@ def test_fits_and_sorting_refuse():
         (lambda: two_wave_fit(dataclasses.replace(line, source_side="unknown")), "source_side is 'unknown'"),
         (lambda: sort_waves(rigid_line(liner_start=None, liner_end=None)), "does not say where its liner is"),
         (lambda: sort_waves(rigid_line(liner_start=-0.5)), "0 microphones stand before the liner"),
-        (lambda: sort_waves(half, [0, 1]), "spacing is 1 times half a wavelength"),
+        (lambda: sort_waves(half), "spacing is 1 times half a wavelength"),
     ):
         with pytest.raises(ValueError, match=words):
             call()

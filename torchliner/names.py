@@ -22,7 +22,7 @@ KERNELS = ("two-sided", "causal")
 STEP_KERNELS = ("least-squares", "causal")  # of IR-TDIBC
 SPACINGS = ("sqrt", "uniform")
 INTERPOLATIONS = ("cubic", "linear")
-WINDOWS = ("hann", "boxcar")  # of a replay
+WINDOWS = ("hann", "boxcar")
 MISSING = ("refuse", "exclude")
 OVERLAPS = ("refuse", "later", "earlier")  # of files of one run
 DTYPES = ("float32", "float64")
@@ -68,7 +68,7 @@ _HERE = "torchliner.pressure"
 WALL_METHODS = {  # from microphones: where the function of a line stands, what it is, its options
     "kt": (f"{_HERE}.waves:kumaresan_tufts", "Kumaresan-Tufts", ("condition", "margin", "rank", "order")),
     "two-waves": (f"{_HERE}.two_waves:two_wave_fit", "two waves tied by one impedance", ("condition", "margin")),
-    "field": (f"{_HERE}.fit_field:fit_line", "field of the linearised Euler equations", ("duct", "far_end", "start")),
+    "field": (f"{_HERE}.fit_field:fit_field", "field of the linearised Euler equations", ("duct", "far_end", "start")),
 }
 
 # Files. A new format is a file with the function and a row here.

@@ -17,7 +17,7 @@ from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import TanhProfile
 from torchliner.duct.mesh import DuctMesh, build_mesh
 from torchliner.duct.solver import DuctSolver, solve_duct
-from torchliner.pressure.microphone_errors import draw_pressures
+from torchliner.pressure.microphone_errors import MicrophoneErrors
 
 FREE = {
     "vena_contracta": (0.3, 1.0),
@@ -128,7 +128,7 @@ def many_draws() -> None:
     for name, frequency, draws in (("kumaresan_tufts", every, 500), ("fit_field", every[10:11], 100)):
         solver, over = DuctSolver(CASE, frequency), MICROPHONES[3:15]
         pressure = solver.solve(IMPEDANCE).wall_pressure(over).movedim(-1, -2)
-        noisy = draw_pressures(pressure, draws, torch.Generator().manual_seed(0))
+        noisy = MicrophoneErrors(draws=draws).drawn(pressure)
         line = tl.MicrophoneLine(over, noisy, frequency, duct_height=HEIGHT, mach=0.3, source_side="upstream")
         fit = functools.partial(getattr(tl, name), line, *([solver] if name == "fit_field" else []))
         row(f"{name}, {draws} draws x {len(frequency)} frequencies, one batch", best(fit, 1)[0])

@@ -167,13 +167,13 @@ class ToneAttenuation:
         return (self.factor.conj() * line - self.image * line.conj()) / determinant
 
 
-def tone_attenuation(signal: GridSignal, frequency: Any, window: Any = "hann") -> ToneAttenuation:
+def tone_attenuation(signal: GridSignal, frequency: Any, window: str = "hann") -> ToneAttenuation:
     """The complex factors on a tone's windowed line for the arrivals, grid and method of a signal.
 
     Args:
         signal: from ``onto_grid``; its values do not count.
         frequency: Hz, one or several.
-        window: any window of scipy, over the record.
+        window: of ``names.WINDOWS``, over the record.
     Raises:
         ValueError: a frequency above half the mean rate, outside the band of the fit or not below half the grid's rate.
     """

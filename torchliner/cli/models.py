@@ -50,8 +50,7 @@ def kt(options: argparse.Namespace) -> None:
     found: list[Any] = []
     for path in options.lines:
         line = replace(tl.read_microphones(path, options.frequency, segment=options.segment), **options.facts)
-        generator = torch.Generator().manual_seed(options.seed)
-        one = resolve(home)(line, generator=generator, **options.chosen)
+        one = resolve(home)(line, **options.chosen)
         files = [("microphones", path), ("duct", options.chosen.get("duct", ""))]
         found.append(with_choices(one, **origin_of(files, command=options.typed)))
     answer = answer_of(found)

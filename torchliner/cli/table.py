@@ -163,7 +163,7 @@ GROUPS = {
             output("write the rows as .csv, or points, cells and surface,", ".csv", *HDF5),
             Option("--microphones", "two of the row, counted from 0; default: the best conditioned pair", COUNT, 2),
             Of("pressure.dean:in_situ", "losses"),
-            Of("pressure.tones:Tones", "start window segment", kinds={"window": TEXT}),
+            Of("pressure.tones:Tones", "start window segment", kinds={"window": names.WINDOWS}),
             choices("allow_short interval"),
         ),
         "kt": row(
@@ -175,8 +175,7 @@ GROUPS = {
             Option("--segment", "of time signals, s; default: the whole record", NUMBER),
             fact("--source-side", "side of the source", names.SOURCES),
             fact("--mach", "bulk Mach number, 0 for no flow; of --method field the duct's"),
-            Option("--seed", "of the draws; default 0", COUNT, default=0, group="error bars"),
-            Of("pressure.microphone_errors:MicrophoneErrors", "draws level_error phase_error", "error bars"),
+            Of("pressure.microphone_errors:MicrophoneErrors", "draws seed level_error phase_error", "error bars"),
             Of(KT, "rank order condition margin", "kt and fits of two waves"),
             Option("--duct", "preset or .toml file, of --method field", NAME, group="--method field", to="chosen"),
             Of("pressure.fit_field:fit_field", "far_end start", "--method field"),

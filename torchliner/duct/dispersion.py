@@ -21,6 +21,8 @@ from torchliner.checks import real_tensor, require_choice, require_complex
 from torchliner.duct.case import wall_reflection
 from torchliner.duct.numerics import LONGEST_STEP, follow_roots
 from torchliner.names import CONDITIONS, DIRECTIONS
+from torchliner.records import MicrophoneLine
+from torchliner.records.notes import Note
 
 STEEP = 300.0  # |Im gamma H|: beyond, the ratio of cos and sin is -+j to the last digit, and both overflow
 
@@ -195,3 +197,15 @@ def carry_wavenumber(
 
     root, place = follow_roots(values, start, first_step)
     return root, place == 1
+
+
+def higher_mode_notes(line: MicrophoneLine) -> list[Note]:
+    """Higher modes of the rigid duct, over its height and its width, that carry sound along microphones."""
+    notes, speed = [], float(line.fluid.sound_speed) * (1 - line.stated_mach**2) ** 0.5
+    for what, size in (("height", line.duct_height), ("width", line.duct_width)):
+        limit = speed / (2 * float(size)) if size is not None else torch.inf
+        if above := line.frequency[line.frequency >= limit].tolist():
+            text = f"from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size or 0):g} mm, carries a higher mode"
+            share = f"{len(above)} of {len(line.frequency)} frequencies from {min(above):g} Hz on"
+            notes.append(Note("higher-modes", f"{line.name}: {text}: {share}"))
+    return notes

@@ -127,9 +127,9 @@ def _of_signals(
     signals = torch.from_numpy(_signal(file, "pressure", "Pa", samples, path).astype(np.float64))
     reference = torch.from_numpy(get_field(file, "reference", path).values().astype(np.float64)).reshape(-1)
     wanted = torch.as_tensor(frequency, dtype=torch.float64).reshape(-1)
-    found = reject_flow_noise(signals, reference, wanted, rate, segment=segment, name=str(path))
-    notes = (*(read_attribute(file, "notes", tuple[str, ...], path) or ()), *found.notes)
-    fields = {"frequency": wanted, "pressure": found.amplitude, "coherence": found.coherence, "notes": notes}
+    tones, coherence, told = reject_flow_noise(signals, reference, wanted, rate, segment=segment, name=str(path))
+    notes = (*(read_attribute(file, "notes", tuple[str, ...], path) or ()), *told)
+    fields = {"frequency": wanted, "pressure": tones, "coherence": coherence, "notes": notes}
     return fields | {"wall_impedance": known.get("wall_impedance")}
 
 

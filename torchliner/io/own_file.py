@@ -66,8 +66,8 @@ def read_wall(path: str | Path) -> tuple[Any, ...]:
         require_schema(file, path, schema)
         found = tuple(taken(each, path, records.WallEduction, records.FieldFit) for each in groups_of(file, stem, path))
     for i, one in enumerate(found):
-        places, known = set(one.x.tolist()), set() if one.line is None else set(one.line.x.tolist())
-        if len(places) < len(one.x) or not places <= known or not torch.equal(one.frequency, one.line.frequency):
+        line = one.line
+        if line is None or not (torch.equal(one.x, line.x) and torch.equal(one.frequency, line.frequency)):
             raise ValueError(f"{path}:/{stem}_{i}: its microphones are missing, elsewhere, or of other frequencies")
     return found
 

@@ -12,7 +12,6 @@ back knows v_in/<p_f>, exact for normal incidence. The ratio of the two Z is <p_
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -23,16 +22,14 @@ from torchliner.conversions import reflection_from_impedance
 from torchliner.engine.intervals import FROM_ADMITTANCE, ITSELF
 from torchliner.liners.plates import cavity_propagation
 from torchliner.names import LOSSES
-from torchliner.pressure.spectra import transfer_from_amplitudes
-from torchliner.pressure.tones import Parts, Tones
-from torchliner.records import Educed, ImpedanceMap, Interval, PointImpedances, PressureRecord, VelocityPlane
+from torchliner.pressure.spectra import transfer
+from torchliner.pressure.tones import Tones
+from torchliner.records import Educed, ImpedanceMap, PointImpedances, PressureRecord, VelocityPlane
 from torchliner.records.case import require_same_run
 from torchliner.records.cells import Cells, sort_into_cells
 from torchliner.records.notes import Note
 from torchliner.records.origin import origin_of
 
-COHERENCE_PERIODS = 2.0  # of a segment, where the estimate itself has only one
-FEWEST_SAMPLES = 8  # of such a segment
 LOW_COHERENCE = 0.5
 NODE = 0.01  # |sinh(gamma H)| below which the velocity at the mouth counts as zero
 LARGE_GAIN = 10.0  # relative error of Z per relative error of the sound speed or the depth
@@ -48,8 +45,8 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
         losses: of the wave in the cavity, ``none`` or ``viscothermal`` (needs the cavity's hydraulic radius).
         cut: ``window``, ``segment``, ``start``, ``allow_short`` and ``interval``, as of ``pressure.tones.Tones``.
     Returns:
-        Impedances in both orders of averaging (see the module), with the coherence of the two pressures over the
-        segments, or of two periods each if there is only one; intervals from blocks of whole periods, or segments.
+        Impedances in both orders of averaging (see the module), with the coherence of the two pressures and intervals,
+        both over blocks of whole periods, or segments.
     Raises:
         ValueError: a pressure is missing or has no tone; the record is too short; a frequency is at or above Nyquist,
             or sin(kH) is zero there, by which Dean's formula divides.
@@ -67,12 +64,17 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
     cells, rows = _cells_of(record)
     used = rows >= 0
     inside = ((cells.labels >= 0) & used)[:, None]
-    made, points, coherences, counts = [], [], [], []
+    made, points, coherences = [], [], []
     for gain, hertz in zip(ratio, tones.frequency[:, None], strict=True):
-        parts = _pressures(tones, hertz, rows)
-        face, velocity = parts.amplitudes[0], gain * parts.amplitudes[1]
+        parts, bottom = (
+            tones.parts(label, getattr(record, label).reshape(-1, record.samples), hertz)
+            for label in ("facesheet", "backplate")
+        )
+        face, velocity = parts.amplitudes, gain * bottom.amplitudes[:, rows.clamp(min=0)]
         z = parts.h1(velocity, face)
         points.append(torch.where(used[:, None], z[0], torch.nan))
+        size = parts.weights.sqrt()[:, None, None]
+        coherences.append(torch.where(used[:, None], transfer(size * velocity, size * face)[1], 0.0))
         admittance = cells.average(torch.where(inside, 1 / z, 0), used)
         face, velocity = cells.average(face, used), cells.average(velocity, used)
         # Over whole cells in both orders, so that their ratio is <p_f><1/p_f>.
@@ -83,24 +85,16 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
             "liner pressure-first": (parts.h1(velocity.mean(-2), face.mean(-2)), ITSELF),
         }
         made.append((parts, ways))
-        coherence, segments = _coherence(tones, hertz, rows, parts)
-        coherences.append(cells.average(torch.where(used[:, None], coherence, 0.0), used))
-        counts.append(segments)
-    found, known, blocks = tones.results(made)
-    coherence, segments = torch.cat(coherences, -1), min(filter(None, counts), default=0)
-    notes += _notes(record, float(tones.frequency.max()), coherence, segments)
-    notes += tones.few_blocks_notes("in situ", known.get("liner admittance"))
+    found, blocks = tones.results(made)
+    coherence = cells.average(torch.cat(coherences, -1), used)
+    notes += _notes(record, float(tones.frequency.max()), coherence, blocks)
+    notes += tones.few_blocks_notes("in situ", found["liner admittance"])
     tell([str(note) for note in notes])
     unknown = torch.full((record.probes,), torch.nan, dtype=torch.float64)
     x, z = (unknown if values is None else values for values in record.probe_coordinates())
     choices = {"method": "in situ", "losses": losses, **tones.choices, "source": record.name}
     choices |= {key: getattr(record, key) for key in ("cavity_depth", "cavity_porosity")}
-    choices |= {"coherence_segments": segments, "interval": tones.interval, "blocks": blocks}
-    choices |= origin_of([("in situ", record.name)])
-
-    def educed(z: Tensor, interval: Interval | None = None) -> Educed:
-        return Educed(reflection_from_impedance(z), interval)
-
+    choices |= {"interval": tones.interval, "blocks": blocks, **origin_of([("in situ", record.name)])}
     return PointImpedances(
         name="in situ (Dean)",
         frequency=tones.frequency,
@@ -109,9 +103,9 @@ def in_situ(record: PressureRecord, frequency: Any = None, *, losses: str = "non
         coherence=coherence,
         point_x=x,
         point_z=z,
-        points=educed(torch.cat(points, -1)),
-        cells={name: educed(found[f"cells {name}"], known.get(f"cells {name}")) for name in ORDERS},
-        liner={name: educed(found[f"liner {name}"], known.get(f"liner {name}")) for name in ORDERS},
+        points=Educed(reflection_from_impedance(torch.cat(points, -1))),
+        cells={name: found[f"cells {name}"] for name in ORDERS},
+        liner={name: found[f"liner {name}"] for name in ORDERS},
         choices=choices,
         notes=tuple(notes),
     )
@@ -121,11 +115,9 @@ def with_in_situ(
     maps: Sequence[ImpedanceMap], planes: Sequence[VelocityPlane], record: PressureRecord
 ) -> list[ImpedanceMap]:
     """Maps, one a plane, with the in situ impedances of a record of the same case beside them."""
-    beside = []
-    for result, plane in zip(maps, planes, strict=True):
+    for plane in planes:
         require_same_run(plane, record)
-        beside.append(result.with_alongside(in_situ(record, result.frequency, interval=result.level)))
-    return beside
+    return [one.with_alongside(in_situ(record, one.frequency, interval=one.level)) for one in maps]
 
 
 def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str = "none") -> tuple[Tensor, list[Note]]:
@@ -153,17 +145,6 @@ def mouth_velocity_ratio(record: PressureRecord, frequency: Tensor, losses: str 
     return record.cavity_porosity * ratio, notes
 
 
-def _pressures(tones: Tones, frequency: Tensor, rows: Tensor) -> Parts:
-    """At one frequency (1,) on the facesheet and at the bottom behind each point, (S, P, 1) both."""
-    labels, samples = ("facesheet", "backplate"), tones.record.samples
-    signals = [getattr(tones.record, label).reshape(-1, samples) for label in labels]
-    parts = tones.parts(signals, frequency)
-    for label, signal, amplitude in zip(labels, signals, parts.segments, strict=True):
-        tones.require_tone(label, signal, amplitude, frequency)
-    face, back = parts.amplitudes
-    return replace(parts, amplitudes=(face, back[:, rows.clamp(min=0)]))
-
-
 def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
     """The cells, and which row of the backplate belongs to each probe, (P,), -1 for none."""
     cells, rows = sort_into_cells(record, record.cell_pitch), math.prod(record.backplate.shape[:-1])
@@ -174,23 +155,12 @@ def _cells_of(record: PressureRecord) -> tuple[Cells, Tensor]:
     return cells, row_of[rows]
 
 
-def _coherence(tones: Tones, frequency: Tensor, rows: Tensor, parts: Parts) -> tuple[Tensor, int]:
-    """Of the two pressures of each point, (P, 1), and the segments it is from: shorter ones where there is one."""
-    if parts.single:
-        segment, record = COHERENCE_PERIODS / float(frequency), tones.record
-        if record.duration - tones.start < 1.5 * segment or segment * record.sampling_rate < FEWEST_SAMPLES:
-            return torch.full((len(rows), 1), torch.nan, dtype=torch.float64), 0
-        parts = _pressures(replace(tones, segment=segment), frequency, rows)
-    found = transfer_from_amplitudes(*parts.segments[::-1])
-    return found.coherence, found.segments
-
-
-def _notes(record: PressureRecord, highest: float, coherence: Tensor, segments: int) -> list[Note]:
+def _notes(record: PressureRecord, highest: float, coherence: Tensor, blocks: int) -> list[Note]:
     """Pressures that do not belong together; above c/(2 pitch) a cavity that carries more than the plane wave."""
     notes, low = [], coherence < LOW_COHERENCE
     if bool(low.any()):
         text = f"the coherence of facesheet and backplate pressure is {float(coherence[low].min()):.2g} at worst, below"
-        count = f"{int(low.sum())} of {low.numel()} values ({segments} segments): turbulence, no sound"
+        count = f"{int(low.sum())} of {low.numel()} values ({blocks} blocks): turbulence, no sound"
         notes.append(Note("low-coherence", f"{record.name}: {text} {LOW_COHERENCE:g} in {count}"))
     if record.cell_pitch and highest >= (limit := record.fluid.sound_speed / (2 * record.cell_pitch)):
         wide = f"a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, carries transverse waves"

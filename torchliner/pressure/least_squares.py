@@ -10,7 +10,7 @@ Where the residual :math:`\Phi(\theta) c - p` is linear in amplitudes c, these a
 :math:`(1 - QQ^H)\,\Phi' c` to the order that Kaufman (1975) keeps, which is analytic in theta where Phi is.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import torch
@@ -22,18 +22,9 @@ ROUNDING = 1e-13  # of a cost, by which a step may raise it
 SETTLED = 1e-6  # size of a step that may be left where a search ended otherwise
 
 
-class System(NamedTuple):
-    """Problems at their places, leading axes (B, ...): residual r (B, ..., R), Jacobian J (B, ..., R, U), and the
-    amplitudes c (B, ..., K) that were solved for at each place."""
-
-    residual: Tensor
-    jacobian: Tensor
-    amplitude: Tensor
-
-    @property
-    def cost(self) -> Tensor:
-        """Sum of squares, (B, ...)."""
-        return self.residual.abs().square().sum(-1)
+# Problems at their places, leading axes (B, ...): residual r (B, ..., R), Jacobian J (B, ..., R, U), and the amplitudes
+# c (B, ..., K) that were solved for at each place.
+System = tuple[Tensor, Tensor, Tensor]
 
 
 class Minimum(NamedTuple):
@@ -50,28 +41,6 @@ class Minimum(NamedTuple):
     def cost(self) -> Tensor:
         """Sum of squares, (B, ...); inf where the search lost its way."""
         return self.residual.abs().square().sum(-1).nan_to_num(torch.inf)
-
-
-class Problem:
-    """What is minimised: a subclass gives ``system``, and the rest where it differs; ``longest`` step, and the
-    ``tolerance`` of the last one."""
-
-    longest = 0.3
-    tolerance = 1e-9
-
-    def system(self, place: Tensor, index: Tensor) -> System:
-        """The problems ``index`` of the batch at places (B, ..., P)."""
-        raise NotImplementedError
-
-    def size(self, place: Tensor, step: Tensor, index: Tensor) -> Tensor:
-        """Of steps (B, ..., U), (B, ...)."""
-        del place, index
-        return step.norm(dim=-1)
-
-    def move(self, place: Tensor, step: Tensor, index: Tensor) -> tuple[Tensor, Tensor | bool]:
-        """Places after the steps, and whether each can be taken."""
-        del index
-        return place + step, True
 
 
 def best_of(found: Iterable[Minimum]) -> Minimum:
@@ -96,39 +65,52 @@ def project(columns: Tensor, slopes: Tensor, target: Tensor) -> System:
     K), and p, (..., N)."""
     basis, amplitude, left = solve_linear(columns, target)
     change = (slopes @ amplitude[..., None, :, None])[..., 0].movedim(-2, -1)  # (..., N, U)
-    return System(-left, change - basis @ (basis.mH @ change), amplitude)
+    return -left, change - basis @ (basis.mH @ change), amplitude
 
 
-def least_squares(problem: Problem, start: Tensor, steps: int = 60) -> Minimum:
+def least_squares(
+    system: Callable[[Tensor, Tensor], System],
+    start: Tensor,
+    move: Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor | bool]] = lambda place, step, _: (
+        place + step,
+        True,
+    ),
+    *,
+    tolerance: float = 1e-10,
+    longest: float = 0.3,
+    steps: int = 60,
+) -> Minimum:
     """Search from every start; problems that are done are left alone while others go on.
 
-    ``start``: places of a batch of B, (B, ..., P). Problems along further axes share their evaluations: those of one
-    row go on together until the last of them is done.
+    ``system``: of places (B, ..., P) of the problems ``index``, (B,). ``start``: places of all of them; problems along
+    further axes share their evaluations, so that those of one row go on together until the last is done. ``move``:
+    places after steps (B, ..., U), and whether each can be taken. ``tolerance``, ``longest``: of the last step, of any.
     """
     place, index = start.clone(), torch.arange(len(start), device=start.device)
-    found = problem.system(place, index)
-    cost = found.cost
+    found = system(place, index)
+    cost = found[0].abs().square().sum(-1)
     damping = torch.full_like(cost, FIRST_DAMPING)
     moved = torch.full_like(cost, torch.inf)
     for _ in range(steps):
-        done = (moved < problem.tolerance) | (damping >= MOST_DAMPING)
+        done = (moved < tolerance) | (damping >= MOST_DAMPING)
         on = index[~done.reshape(len(done), -1).all(-1)]
         if not len(on):
             break
-        step = damped_step(found.residual[on], found.jacobian[on], damping[on])
-        size = problem.size(place[on], step, on)
-        step = step * (problem.longest / size[..., None]).clamp(max=1)
-        tried, possible = problem.move(place[on], step, on)
-        there = problem.system(tried, on)
-        better = (there.cost <= (1 + ROUNDING) * cost[on]) & possible
+        step = damped_step(found[0][on], found[1][on], damping[on])
+        size = step.norm(dim=-1)
+        step = step * (longest / size[..., None]).clamp(max=1)
+        tried, possible = move(place[on], step, on)
+        there = system(tried, on)
+        rest = there[0].abs().square().sum(-1)
+        better = (rest <= (1 + ROUNDING) * cost[on]) & possible
         # A step so small tells as well if rounding of the cost refuses it.
         tells = better | (damping[on] <= 1)
-        moved[on] = torch.where(tells, size.clamp(max=problem.longest), moved[on])
+        moved[on] = torch.where(tells, size.clamp(max=longest), moved[on])
         damping[on] = torch.where(better, damping[on] / 10, damping[on] * 10).clamp(LEAST_DAMPING)
-        for value, new in zip((place, cost, *found), (tried, there.cost, *there), strict=True):
+        for value, new in zip((place, cost, *found), (tried, rest, *there), strict=True):
             value[on] = torch.where(_over(better, value), new, value[on])
-    left = damped_step(found.residual, found.jacobian, torch.full_like(cost, LEAST_DAMPING))
-    return Minimum(place, *found, (moved < problem.tolerance) | (problem.size(place, left, index) < SETTLED))
+    left = damped_step(*found[:2], torch.full_like(cost, LEAST_DAMPING))
+    return Minimum(place, *found, (moved < tolerance) | (left.norm(dim=-1) < SETTLED))
 
 
 def _over(which: Tensor, values: Tensor) -> Tensor:

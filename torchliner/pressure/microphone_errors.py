@@ -8,7 +8,7 @@ a ratio of its own, as Student's interval has it.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,10 +17,10 @@ from scipy.special import chdtri
 from torch import Tensor
 
 from torchliner.checks import FEEDS, whole_number
-from torchliner.duct.flow_profiles import UniformProfile
-from torchliner.duct.modes import cut_on_frequency
-from torchliner.records import FieldFit, MicrophoneLine, WallEduction
+from torchliner.duct.dispersion import higher_mode_notes
+from torchliner.records import FieldFit, WallEduction
 from torchliner.records.notes import Note
+from torchliner.records.wall_eduction import DrawnImpedance
 
 LEVEL_ERROR, PHASE_ERROR = 0.1, 0.1  # dB and degrees, section 5.5.5
 SMALLEST = 1e-4  # dB, degrees: no microphone is as good, and rounding keeps smaller ones apart
@@ -29,8 +29,6 @@ CONTRADICTED = 0.05  # share of right models whose errors are taken for larger t
 LEAST_SHARE = 0.5  # of the kept wave's energy over the strongest's; about 1 where all is right
 ROUNDING = 1e-10  # residual that is rounding, whatever errors are assumed
 GAINS = 1 + 1e-6  # of an end; nearer to 1 it is rounding of the fit
-
-Row = tuple[str, Tensor, str]  # code, where it holds, what it says
 
 
 def largest_misfit(freedom: float, share: float = POOR) -> float:
@@ -47,13 +45,13 @@ class MicrophoneErrors:
             where the waves leave more than 1 right model in 20.
         phase_error: standard deviation of the phases, degrees, default 0.1; as of the levels.
         draws: of the errors, at least 2 (the paper: 500); default 0, none: intervals to first order.
-        generator: of random numbers, on the CPU; default one with seed 0.
+        seed: of the draws; default 0.
     """
 
     level_error: float = LEVEL_ERROR
     phase_error: float = PHASE_ERROR
     draws: int = 0
-    generator: torch.Generator | None = None
+    seed: int = 0
 
     def __post_init__(self) -> None:
         for name, value in self.stated.items():
@@ -83,131 +81,97 @@ class MicrophoneErrors:
         level, phase = self.parts
         return residual.square() / ((level**2 + phase**2) * spare / microphones if spare > 0 else math.nan)
 
+    def drawn(self, pressure: Tensor, scale: Any = 1.0, freedom: float = math.inf) -> Tensor:
+        """Complex pressures (..., N, F) with errors, (D, ..., N, F); ``scale``: factor of both errors, (..., F), which
+        above 1 was estimated with ``freedom`` real degrees of freedom."""
+        (level, phase), source = self.parts, torch.Generator().manual_seed(self.seed)
+        noise = torch.randn(2, self.draws, *pressure.shape, generator=source, dtype=torch.float64)
+        own = torch.as_tensor(scale).cpu()
+        if bool((own > 1).any()):
+            power = torch.randn(max(1, int(freedom)), self.draws, *own.shape, generator=source, dtype=torch.float64)
+            noise = noise * torch.where(own > 1, own / power.square().mean(0).sqrt(), own)[..., None, :]
+        return pressure * torch.exp(torch.complex(noise[0] * level, noise[1] * phase)).to(pressure.device)
+
     def with_draws(self, result: Any, pressure: Tensor, freedom: float, educed: Callable[[Tensor], Any]) -> Any:
         """An eduction of pressures (..., N, F), if wanted with that (``educed``) of draws of their errors, (D, ..., N,
         F), whose ``error_scale`` has ``freedom`` real degrees of freedom."""
         if not self.draws:
             return result
-        source = self.generator or torch.Generator().manual_seed(0)
-        drawn = draw_pressures(pressure, self.draws, source, **self.stated, scale=result.error_scale, freedom=freedom)
-        about = {**result.choices, "draws": self.draws, "seed": source.initial_seed()}
-        return replace(result, draws=educed(drawn), choices=about)
-
-
-def draw_pressures(
-    pressure: Tensor,
-    draws: int,
-    generator: torch.Generator,
-    *,
-    level_error: float = LEVEL_ERROR,
-    phase_error: float = PHASE_ERROR,
-    scale: Tensor | None = None,
-    freedom: float = math.inf,
-) -> Tensor:
-    """Complex pressures (..., N, F) with errors, (D, ..., N, F), as of ``MicrophoneErrors``; ``scale``: factor of both,
-    (..., F), which above 1 was estimated with ``freedom`` real degrees of freedom."""
-    level, phase = MicrophoneErrors(level_error, phase_error).parts
-    noise = torch.randn(2, draws, *pressure.shape, generator=generator, dtype=torch.float64)
-    if scale is not None and bool((scale > 1).any()):
-        own = scale.cpu()
-        power = torch.randn(max(1, int(freedom)), draws, *own.shape, generator=generator, dtype=torch.float64)
-        noise = noise * torch.where(own > 1, own / power.square().mean(0).sqrt(), own)[..., None, :]
-    return pressure * torch.exp(torch.complex(noise[0] * level, noise[1] * phase)).to(pressure.device)
+        about = {**result.choices, "draws": self.draws, "seed": self.seed}
+        return replace(result, draws=educed(self.drawn(pressure, result.error_scale, freedom)), choices=about)
 
 
 def wave_notes(result: WallEduction, freedom: float) -> tuple[Note, ...]:
     """Of waves that may not be those of a lined wall, or leave more than the assumed errors, which have ``freedom``
     real degrees of freedom."""
     assert result.line is not None
-    choices, z, side = result.choices, result.impedance, result.source_side
+    choices, z, side, share = result.choices, result.impedance, result.source_side, result.energy_share
     # Re alpha is known up to 2 pi/spacing; a rigid wall's wave must lie within half of that.
     along, spacing = 1 + choices["mach"] * (1 if side == "upstream" else -1), choices.get("spacing", 0.0)
     highest = choices["sound_speed"] * along / (2 * spacing) if spacing else math.inf
-    weak, feeds = result.energy_share < LEAST_SHARE, z.real < FEEDS
     poor, misfit = _misfit(result, max(largest_misfit(freedom, POOR / z.numel()), choices["largest_misfit"]))
     poor &= result.residual > ROUNDING
-    size = None
-    if bool(poor.any()) and (spread := result.deviation) is not None:
-        size = float(spread[poor].abs().max())
+    spread = result.deviation
+    size = None if spread is None or not bool(poor.any()) else float(spread[poor].abs().max())
     short = f"the spacing is more than half a rigid duct's wavelength above {highest:.4g} Hz; Z may be of an alias"
-    share = f"the wave that runs away from a source {side} has at worst {_least(result.energy_share, weak):.2g} of the"
-    of_other = "energy of the strongest wave: the source may be on the other side, or phases be of exp(-j omega t)"
-    gains = f"the resistance is negative, {_least(z.real, feeds):.3g} at least: not the wave assumed, or an active wall"
-    left = f"the waves leave up to {100 * _most(result.residual, poor):.2g} % of the pressures, {misfit}, which draws"
+    weak = f"the wave that runs away from a source {side} has at worst {_least(share):.2g} of the energy of the "
+    weak += "strongest wave: the source may be on the other side, or phases be of exp(-j omega t)"
+    gains = f"the resistance is negative, {_least(z.real):.3g} at least: not the wave assumed, or an active wall"
+    left = f"the waves leave up to {-100 * _least(-result.residual):.2g} % of the pressures, {misfit}, which draws take"
+    lost = f"{choices.get('unsettled')} of {z.numel()} fits did not settle; their waves may not be the best"
+    notes = [Note("unsettled", f"{choices['source']}: {lost}")] if choices.get("unsettled") else []
     rows = [
         ("aliasing", result.frequency >= highest, short),
         ("no-wave", ~torch.isfinite(result.wavenumber), f"no wave runs away from a source {side}; they are nan"),
-        ("source-side", weak, f"{share} {of_other}"),
-        ("active-wall", feeds, gains),
-        ("model-misfit", poor, f"{left} take: other waves, or larger errors; compare ranks, margins and methods"),
+        ("source-side", share < LEAST_SHARE, weak),
+        ("active-wall", z.real < FEEDS, gains),
+        ("model-misfit", poor, f"{left}: other waves, or larger errors; compare ranks, margins and methods"),
     ]
-    text = f"{choices.get('unsettled')} of {z.numel()} fits did not settle; their waves may not be the best"
-    first = [Note("unsettled", f"{choices['source']}: {text}")] if choices.get("unsettled") else []
-    return (*first, *duct_notes(result.line), *_notes(result, rows, size))
+    return (*notes, *higher_mode_notes(result.line), *_notes(result, rows, size))
 
 
 def field_notes(result: FieldFit) -> tuple[Note, ...]:
     """Of a fit of the field."""
-    end, z, choices = result.end_reflection.abs(), result.impedance, result.choices
+    end, z, wall = result.end_reflection.abs(), result.impedance, result.choices["wall"]
     assert result.covariance is not None
     rigid = torch.isinf(result.covariance[..., 0, 0]) & result.converged
-    feeds = (z.real < FEEDS) & ~rigid
+    resistance = z.real.masked_fill(rigid, 0.0)
     poor, misfit = _misfit(result, largest_misfit(result.freedom or math.inf, POOR / z[..., 0].numel()))
-    causes = f"duct, flow, far end or wall ({choices['wall']}) are not those measured, or a deeper minimum (start=)"
-    bound = "the microphones do not tell the liner from a rigid wall: the error of Z has no bound"
+    causes = f"duct, flow, far end or wall ({wall}) are not those measured, or a deeper minimum (start=)"
     rows = [
         ("unsettled", ~result.converged, "the fit did not settle; Z is the best one met"),
         ("model-misfit", poor, f"the residuals are {misfit}, which error bars take: {causes}"),
-        ("rigid-wall", rigid, bound),
-        ("active-wall", feeds, f"the resistance is {_least(z.real, feeds):.3g}, below 0"),
-        ("active-end", end > GAINS, f"the far end would reflect {_most(end, end > GAINS):.3g} times what it gets"),
+        ("rigid-wall", rigid, "the microphones do not tell the liner from a rigid wall: the error of Z has no bound"),
+        ("active-wall", resistance < FEEDS, f"the resistance is {_least(resistance):.3g}, below 0"),
+        ("active-end", end > GAINS, f"the far end would reflect {-_least(-end):.3g} times what it gets"),
     ]
     return _notes(result, rows)
 
 
-def duct_notes(line: MicrophoneLine) -> tuple[Note, ...]:
-    """Higher modes of the rigid duct that carry sound."""
-    notes = []
-    for what, size in (("height", line.duct_height), ("width", line.duct_width)):
-        if size is not None:
-            limit = cut_on_frequency(UniformProfile(abs(line.stated_mach), float(size), float(line.fluid.sound_speed)))
-            if above := line.frequency[line.frequency >= limit].tolist():
-                text = f"from {limit:.4g} Hz on the duct's {what}, {1e3 * float(size):g} mm, carries a higher mode"
-                share = f"{len(above)} of {len(line.frequency)} frequencies from {min(above):g} Hz on"
-                notes.append(Note("higher-modes", f"{line.name}: {text}: {share}"))
-    return tuple(notes)
-
-
-def _misfit(result: WallEduction | FieldFit, limit: float) -> tuple[Tensor, str]:
+def _misfit(result: DrawnImpedance, limit: float) -> tuple[Tensor, str]:
     """Where the misfit is above a limit, (..., F), and what it says of the errors."""
     assert result.misfit is not None
-    poor, choices = result.misfit > limit, result.choices
-    level, phase = (_most(choices[f"{name}_error"] * result.error_scale, poor) for name in ("level", "phase"))
-    stated = f"times the {choices['level_error']:g} dB and {choices['phase_error']:g} degrees stated"
-    as_of = f"(limit {limit**0.5:.3g}), as of {level:.2g} dB and {phase:.2g} degrees"
-    return poor, f"{_most(result.misfit, poor) ** 0.5:.3g} {stated} {as_of}"
+    scale, most = -_least(-result.error_scale), float(result.misfit.nan_to_num(0.0).max()) ** 0.5
+    level, phase = (result.choices[f"{name}_error"] for name in ("level", "phase"))
+    stated = f"{most:.3g} times the {level:g} dB and {phase:g} degrees stated (limit {limit**0.5:.3g})"
+    return result.misfit > limit, f"{stated}, as of {level * scale:.2g} dB and {phase * scale:.2g} degrees"
 
 
-def _notes(result: WallEduction | FieldFit, rows: Sequence[Row], size: float | None = None) -> tuple[Note, ...]:
-    """Of the codes that hold somewhere: how often, where first, and what; of draws that are lost. ``size``: how far Z
-    may be off by a misfit."""
-    found, source = [], result.choices["source"]
+def _notes(result: DrawnImpedance, rows: list[tuple[str, Tensor, str]], size: float | None = None) -> tuple[Note, ...]:
+    """Of codes that hold somewhere, (..., F), how often, where first, and what that says; of draws that are lost.
+    ``size``: how far Z may be off by a misfit."""
+    notes, source = [], result.choices["source"]
     for code, which, said in rows:
         if bool(which.any()):
             first = result.frequency[which.reshape(-1, which.shape[-1]).any(0).cpu()][0]
             place = f"at {int(which.sum())} of {which.numel()} values, first at {float(first):g} Hz"
-            found.append(Note(code, f"{source}: {place}, {said}", size if code == "model-misfit" else None))
+            notes.append(Note(code, f"{source}: {place}, {said}", size if code == "model-misfit" else None))
     if result.draws is not None and bool(result.failed.any()):
         lost = f"{int(result.failed.sum())} of {result.draws.impedance.numel()} draws have no impedance"
-        found.append(Note("lost-draws", f"{source}: {lost} and are left out of mean and interval"))
-    return tuple(found)
+        notes.append(Note("lost-draws", f"{source}: {lost} and are left out of mean and interval"))
+    return tuple(notes)
 
 
-def _least(values: Tensor, which: Tensor) -> float:
-    """Of some values; nan of none."""
-    return float(values[which].min()) if bool(which.any()) else math.nan
-
-
-def _most(values: Tensor, which: Tensor) -> float:
-    """Of some values; nan of none."""
-    return -_least(-values, which)
+def _least(values: Tensor) -> float:
+    """Of those that are numbers."""
+    return float(values.nan_to_num(torch.inf).min())

@@ -19,9 +19,9 @@ from torch import Tensor
 
 from torchliner.checks import require_choice, tell, whole_number
 from torchliner.conversions import impedance_from_reflection, spl_from_pressure_amplitude
+from torchliner.duct.dispersion import higher_mode_notes
 from torchliner.engine.intervals import FROM_REFLECTION
 from torchliner.pressure.least_squares import solve_linear
-from torchliner.pressure.microphone_errors import duct_notes
 from torchliner.pressure.tones import Tones
 from torchliner.pressure.waves import seen_from_source
 from torchliner.records import Interval, MicrophoneLine, PressureRecord
@@ -98,37 +98,34 @@ def decompose_waves(
     if record.microphones is None or (velocities and record.microphone_velocity is None):
         missing = "microphones" if record.microphones is None else "microphone_velocity"
         raise ValueError(f"{record.name} has no {missing}; splitting the waves needs it")
-    fluid, chosen = record.fluid, _chosen(record, microphones, tones.frequency)
-    places, signals = record.microphone_y[chosen], [record.microphones[chosen]]
-    if velocities:
-        # Stored along +y, away from the surface; the waves' velocity is that into it.
-        signals.append(-fluid.characteristic_impedance * record.microphone_velocity[chosen].to(torch.float64))
+    chosen, rho_c = _chosen(record, microphones, tones.frequency), record.fluid.characteristic_impedance
+    places, signals = record.microphone_y[chosen], record.microphones[chosen]
+    y, sign, count = places, torch.ones(len(chosen)), len(chosen)
+    if velocities:  # stored along +y, away from the surface; the waves' velocity is that into it
+        signals = torch.cat([signals, -rho_c * record.microphone_velocity[chosen].to(torch.float64)])
+        y, sign = places.repeat(2), torch.cat([sign, -sign])
     made, each = [], []
     for hertz in tones.frequency[:, None]:
-        parts = tones.parts(signals, hertz)
-        tones.require_tone("microphone", signals[0], parts.segments[0], hertz)
-        (waves, left, condition), (inside, _, _) = (
-            split_waves(one[0], places, hertz, fluid.sound_speed, record.microphone_mach, *one[1:])
-            for one in (parts.segments, parts.amplitudes)
-        )
+        parts, about = tones.parts("microphone", signals, hertz), (hertz, record.fluid.sound_speed, y, sign)
+        waves, left, condition = split_waves(parts.segments, *about, record.microphone_mach)
+        inside, _, _ = split_waves(parts.amplitudes, *about, record.microphone_mach)
         reflection = parts.h1(*inside.unbind(1))
-        size = 2 * waves[:, 0].abs().square().mean(0).sqrt()
-        each.append((size, reflection[0], left.square().mean(0).sqrt(), condition))
+        each.append((2 * waves[:, 0].abs().square().mean(0).sqrt(), left.square().mean(0).sqrt(), condition))
         made.append((parts, {"": (reflection, FROM_REFLECTION)}))
-    size, reflection, residual, condition = (torch.cat(values) for values in zip(*each, strict=True))
-    bounds = tones.results(made)[1].get("")
-    name = f"waves, {len(chosen)} microphones" + (" with velocities" if velocities else "")
+    size, residual, condition = (torch.cat(values) for values in zip(*each, strict=True))
+    found = tones.results(made)[0][""]
+    name = f"waves, {count} microphones" + (" with velocities" if velocities else "")
     notes = condition_notes(f"{record.name}: {name}", tones.frequency, condition)
-    bias = residual * condition
-    poor = int(bias.argmax())
-    if float(bias[poor]) > BIAS:
+    bias, poor = (residual * condition).nan_to_num(0.0).max(0)
+    if float(bias) > BIAS:
         share = f"{100 * float(residual[poor]):.2g} % of the signals at {float(tones.frequency[poor]):g} Hz"
-        text = f"{share}; there is more (vortices, turbulence), and R may be off by {float(bias[poor]):.2g}"
+        text = f"{share}; there is more (vortices, turbulence), and R may be off by {float(bias):.2g}"
         notes.append(Note("other-waves", f"{record.name}: {name}: two plane waves leave {text}"))
     if record.facesheet is None:  # else the in situ method says it
-        notes += tones.few_blocks_notes(name, bounds)
+        notes += tones.few_blocks_notes(name, found)
     tell([str(note) for note in notes])
-    return PlaneWaves(name, tones.frequency, size, reflection, 0.0, residual, condition, places, tuple(notes), bounds)
+    rest = (0.0, residual, condition, places, tuple(notes), found.interval)
+    return PlaneWaves(name, tones.frequency, size, found.reflection, *rest)
 
 
 def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency: Tensor) -> list[int]:
@@ -146,61 +143,50 @@ def _chosen(record: PressureRecord, microphones: Sequence[int] | str, frequency:
     return max(pairs, key=lambda pair: float(torch.sin(mean * places[pair].diff()).abs().min()))
 
 
-def sort_waves(
-    line: MicrophoneLine, microphones: Sequence[int] | None = None, *, source_side: str | None = None
-) -> PlaneWaves:
-    """Waves both ways from two flush microphones or more in the rigid duct: the level that meets a liner, at its end
-    nearest the source.
+def sort_waves(line: MicrophoneLine) -> PlaneWaves:
+    """Waves both ways from flush microphones in the rigid duct: the level that meets a liner, at its end nearest the
+    source.
 
     Args:
-        line: microphones.
-        microphones: indices; default all that stand before the liner, seen from the source.
-        source_side: ``upstream`` or ``downstream``; default what the line says.
+        line: microphones; those that stand before the liner, seen from the source, are used.
     Raises:
         ValueError: fewer than two microphones or half a wavelength apart, no known side of the source or liner.
     Warns:
         DataWarning: badly conditioned, or higher modes cut on; the same text is in ``notes``.
     """
-    seen = seen_from_source(line, source_side)
+    seen = seen_from_source(line)
     edge = line.liner_start if seen.sign == 1 else line.liner_end
     if edge is None:
         raise ValueError(f"{line.name} does not say where its liner is; give liner_start and liner_end")
-    if microphones is None:
-        microphones = ((edge - line.x) * seen.sign > 0).nonzero()[:, 0].tolist()
-    if len(microphones) < 2:
-        before = f"{len(microphones)} microphones stand before the liner, seen from a source {seen.source_side}"
-        raise ValueError(f"{line.name}: {before}; two are needed to sort the waves")
-    some = line.select(microphones)
-    places, frequency = ((some.x - edge).to(some.pressure.device), some.frequency.to(some.pressure.device))
-    found = split_waves(some.pressure, places, frequency, float(some.fluid.sound_speed), some.stated_mach)
-    back, incident = found[0].unbind(-2)[:: seen.sign]
-    notes = (*duct_notes(line), *condition_notes(f"{line.name}: the microphones", frequency, found[2]))
+    before = ((edge - line.x) * seen.sign > 0).nonzero()[:, 0]
+    if len(before) < 2:
+        there = f"{len(before)} microphones stand before the liner, seen from a source {line.source_side}"
+        raise ValueError(f"{line.name}: {there}; two are needed to sort the waves")
+    some = line.select(before)
+    waves, residual, condition = split_waves(
+        some.pressure, line.frequency, float(line.fluid.sound_speed), some.x - edge, mach=line.stated_mach
+    )
+    back, incident = waves.unbind(-2)[:: seen.sign]
+    notes = (*higher_mode_notes(line), *condition_notes(f"{line.name}: the microphones", line.frequency, condition))
     tell([str(note) for note in notes])
-    return PlaneWaves("sorted waves", line.frequency, incident, back / incident, edge, *found[1:], some.x, notes)
+    found = (incident, back / incident, edge, residual, condition, some.x, notes)
+    return PlaneWaves("sorted waves", line.frequency, *found)
 
 
 def split_waves(
-    pressure: Tensor,
-    places: Tensor,
-    frequency: Tensor,
-    sound_speed: float,
-    mach: float = 0.0,
-    velocity: Tensor | None = None,
+    measured: Tensor, frequency: Tensor, sound_speed: float, places: Tensor, sign: Any = 1.0, mach: float = 0.0
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Least-squares amplitudes of the two waves from complex pressures, Pa, (..., M, F), at ``places`` y, m, (M,).
 
-    ``velocity`` is rho c v_in there, Pa, v_in towards the surface: as many equations more. ``mach`` is of the mean flow
+    ``sign``: 1, or -1 where rho c v_in is measured, Pa, v_in towards the surface, (M,). ``mach`` is of the mean flow
     away from the surface. Returns A and B at y = 0, (..., 2, F); the relative residual, (..., F), nan for two
     equations; the condition number, (F,). For M = 0 and two microphones this is ISO 10534-2.
     """
-    if len(places) < (2 if velocity is None else 1):
+    if len(places) < 2:
         raise ValueError(f"microphones: {len(places)} given; two waves need at least two")
+    frequency, places = (each.to(measured.device) for each in (frequency, places))
     turn = 2j * torch.pi / sound_speed * frequency[:, None] * places
-    towards, away = torch.exp(turn / (1 - mach)), torch.exp(-turn / (1 + mach))
-    rows, measured = torch.stack([towards, away], -1), pressure.to(torch.complex128)
-    if velocity is not None:
-        rows = torch.cat([rows, torch.stack([towards, -away], -1)], dim=1)
-        measured = torch.cat([measured, velocity.to(torch.complex128)], dim=-2)
+    rows = torch.stack([torch.exp(turn / (1 - mach)), sign * torch.exp(-turn / (1 + mach))], -1)
     values = torch.linalg.svdvals(rows)
     condition = values[:, 0] / values[:, 1].clamp(min=1e-300)
     worst = int(condition.argmax())
@@ -210,16 +196,16 @@ def split_waves(
         apart = f"their spacing is {span / half:.4g} times half a wavelength, {1e3 * half:.4g} mm"
         where = f"microphones {1e3 * span:.4g} mm apart are singular at {float(frequency[worst]):g} Hz"
         raise ValueError(f"{where}: {apart}; take another frequency or another pair")
-    right = measured.movedim(-1, -2)  # (..., F, equations)
+    right = measured.movedim(-1, -2).to(torch.complex128)  # (..., F, M)
     _, waves, left = solve_linear(rows, right)
     residual = left.norm(dim=-1) / right.norm(dim=-1).clamp(min=1e-300)
-    return waves.movedim(-1, -2), residual if rows.shape[1] > 2 else torch.full_like(residual, torch.nan), condition
+    return waves.movedim(-1, -2), residual if len(places) > 2 else torch.full_like(residual, torch.nan), condition
 
 
 def condition_notes(name: str, frequency: Tensor, condition: Tensor) -> list[Note]:
     """Microphones whose errors grow."""
-    worst = int(condition.argmax())
-    if float(condition[worst]) <= LARGE_CONDITION:
+    most, worst = condition.max(0)
+    if float(most) <= LARGE_CONDITION:
         return []
-    text = f"a condition number of {float(condition[worst]):.3g} at {float(frequency[worst]):g} Hz"
+    text = f"a condition number of {float(most):.3g} at {float(frequency[worst]):g} Hz"
     return [Note("ill-conditioned", f"{name} have {text}; errors of the pressures grow by it")]

@@ -1,9 +1,8 @@
 r"""Tones of a pressure record in blocks of time, and the statistical intervals that follow because it is finite.
 
-A windowed amplitude is linear in the signal, :math:`A = \sum_t g_t y_t`. What is left of y when tone, conjugate and
-mean are taken off adds :math:`c_s = \sum_{t \in s} g_t r_t` in block s of whole periods, so without block s of weight
-W_s it is :math:`A - c_s/(1 - W_s)`, which the jackknife of ``engine.intervals`` takes. Of several segments these are
-the blocks.
+A windowed amplitude A is linear in the signal. What is left of that when tone and mean are taken off adds c_s to it in
+block s of whole periods (``spectra.tone_blocks``), so without block s of weight W_s it is :math:`A - c_s/(1 - W_s)`,
+which the jackknife of ``engine.intervals`` takes. Of several segments these are the blocks.
 """
 
 from collections.abc import Sequence
@@ -15,10 +14,11 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import FEWEST_PERIODS, frequency_tensor
+from torchliner.conversions import reflection_from_impedance
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, SMALLEST_WIDTH, Conversion, jackknife, replicates
-from torchliner.pressure.spectra import segment_amplitudes, window_weights
-from torchliner.records import Interval, PressureRecord
+from torchliner.pressure.spectra import segment_amplitudes, tone_blocks, window_weights
+from torchliner.records import Educed, Interval, PressureRecord
 from torchliner.records.notes import Note
 
 LEVEL = 0.95
@@ -29,16 +29,16 @@ Quantities = dict[str, tuple[Tensor, Conversion]]  # of those that remain, (1 + 
 
 @dataclass(frozen=True)
 class Parts:
-    """Tones of signals at one frequency in S parts of a record: segments, or blocks of one segment."""
+    """Tones of N signals at one frequency in S parts of a record: segments, or blocks of one segment."""
 
-    amplitudes: Sequence[Tensor]  # of each signal, (S, ..., 1)
+    amplitudes: Tensor  # (S, N, 1)
     weights: Tensor  # of the parts, of sum 1, (S,)
     single: bool  # whether they are of one segment, whose amplitude is their mean
 
     @property
-    def segments(self) -> list[Tensor]:
-        """Amplitudes of the segments, one or several, of each signal."""
-        return [self.remaining(each)[:1] if self.single else each for each in self.amplitudes]
+    def segments(self) -> Tensor:
+        """Amplitudes of the segments, one or several, (S, N, 1)."""
+        return self.remaining(self.amplitudes)[:1] if self.single else self.amplitudes
 
     def h1(self, driver: Tensor, response: Tensor) -> Tensor:
         """H1 = response/driver, (S, ..., 1) each, linear in ``amplitudes``, of all ``remaining`` parts."""
@@ -58,7 +58,7 @@ class Tones:
     Args:
         record: of pressures.
         frequency: Hz, one or several; default the record's own tone.
-        window: any window of scipy.
+        window: ``hann`` or ``boxcar``.
         segment: s, overlapping by half; default the whole record, in which tones are exact.
         start: s at the beginning that are left out.
         allow_short: accept fewer than four periods.
@@ -67,7 +67,7 @@ class Tones:
 
     record: PressureRecord
     frequency: Any = None
-    window: Any = "hann"
+    window: str = "hann"
     segment: float | None = None
     start: float = 0.0
     allow_short: bool = False
@@ -81,8 +81,7 @@ class Tones:
         object.__setattr__(self, "frequency", wanted)
         if not 0 <= self.start < record.duration:
             raise ValueError(f"start is {self.start:g} s; {record.name} lasts {record.duration:g} s")
-        lowest = float(wanted.min())
-        periods = lowest * (record.duration - self.start)
+        periods = (lowest := float(wanted.min())) * (record.duration - self.start)
         if periods < FEWEST_PERIODS * (1 - 1e-6) and not self.allow_short:
             few = f"holds {periods:.3g} periods of {lowest:g} Hz, fewer than {FEWEST_PERIODS:g}"
             raise ValueError(f"{record.name} {few}; allow_short=True takes them")
@@ -92,71 +91,53 @@ class Tones:
         """As a result states them."""
         return {"window": self.window, "segment": self.segment, "start": self.start}
 
-    def parts(self, signals: Sequence[Tensor], frequency: Tensor) -> Parts:
-        """Of real signals, (..., T), at one frequency, Hz, (1,)."""
-        rate = self.record.sampling_rate
+    def parts(self, label: str, signal: Tensor, frequency: Tensor) -> Parts:
+        """Of signals, (N, T), at one frequency, Hz, (1,): blocks of one segment, whose mean is that of
+        ``segment_amplitudes``, or several segments. ValueError where one has no tone; ``label``: what they are."""
+        rate, tone = self.record.sampling_rate, float(frequency)
         first = round(self.start * rate)
-        samples = signals[0].shape[-1] - first
+        samples = signal.shape[-1] - first
         whole = self.segment is None or abs(self.segment * rate - samples) <= 0.5
-        if whole and samples * float(frequency) >= rate:
-            blocks = Blocks.of(samples, rate, float(frequency))
-            if blocks.count >= FEWEST_BLOCKS:
-                return self._blocks(signals, frequency, first, blocks)
-        found = [segment_amplitudes(each, frequency, rate, **self.choices) for each in signals]
-        count = len(found[0])
-        return Parts(found, torch.full((count,), 1 / count, dtype=torch.float64), count == 1)
+        if not whole or samples * tone < rate or (blocks := Blocks.of(samples, rate, tone)).count < FEWEST_BLOCKS:
+            found = segment_amplitudes(signal, frequency, rate, **self.choices)
+            parts = Parts(found, torch.full((len(found),), 1 / len(found), dtype=torch.float64), len(found) == 1)
+        else:
+            weight, ends = window_weights(self.window, samples), sorted({*blocks.borders, samples})
+            mean, added = tone_blocks(signal[..., first:], frequency, rate, weight, ends)
+            share = torch.stack([weight[a:b].sum() for a, b in pairwise(blocks.borders)]) / weight.sum()
+            own = added[: blocks.count] / share.clamp(min=1e-12)[:, None, None]
+            own = own - added[: blocks.count].sum(0) / share.sum()  # what the samples behind the last period add
+            turn = torch.exp(-2j * torch.pi * frequency * first / rate)
+            parts = Parts(turn * (mean + own), share / share.sum(), True)
+        quiet = parts.segments.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()
+        if bool(quiet.any()):
+            where = f"{self.record.name}: {label} pressure has no tone at {tone:g} Hz"
+            which = f"{int(quiet.sum())} of {len(signal)} signals, first {int(quiet.nonzero()[0])}"
+            raise ValueError(f"{where} in {which}; leave it out")
+        return parts
 
-    def _blocks(self, signals: Sequence[Tensor], frequency: Tensor, first: int, blocks: Blocks) -> Parts:
-        """Of one segment that begins at a sample; their mean is that of ``segment_amplitudes``."""
-        samples, pairs = signals[0].shape[-1] - first, list(pairwise(blocks.borders))
-        weight = window_weights(self.window, samples)
-        turn = 2j * torch.pi * frequency / blocks.sampling_rate * torch.arange(first, first + samples)
-        basis = torch.stack([turn.exp(), (-turn).exp(), torch.ones_like(turn)])
-        across = basis.conj() * weight
-        dual = torch.linalg.solve(across @ basis.mT, across)
-        share = torch.stack([weight[a:b].sum() for a, b in pairs]) / weight.sum()
-        kept = torch.stack([dual[0, a:b] @ basis[:, a:b].T for a, b in pairs])  # (S, 3)
-        ends = list(pairwise(sorted({*blocks.borders, samples})))
-        found = []
-        for signal in signals:
-            late = signal[..., first:].cpu()
-            sums = torch.stack([late[..., a:b].to(torch.complex128) @ dual[:, a:b].T for a, b in ends])
-            fitted = sums.sum(0)  # tone, conjugate, mean
-            left = sums[: blocks.count, ..., 0] - torch.einsum("sk,...k->s...", kept, fitted)
-            size = share.reshape(-1, *[1] * (left.ndim - 1))
-            own = left / size.clamp(min=1e-12)
-            own = own - (size * own).sum(0) / share.sum()  # what the samples behind the last period add
-            found.append((fitted[..., 0] + own)[..., None])
-        return Parts(found, share / share.sum(), True)
+    def results(self, each: Sequence[tuple[Parts, Quantities]]) -> tuple[dict[str, Educed], int]:
+        """Z of quantities, (..., F), from the parts at every frequency, and the fewest parts behind one, of which four
+        are needed for intervals."""
+        fewest, found = min(len(parts.weights) for parts, _ in each), {}
+        for name in each[0][1]:
+            several, interval = [(parts.weights, *made[name]) for parts, made in each], None
+            z = torch.cat([way.impedance(values[0]) for _, values, way in several], -1)
+            if self.interval is not None and fewest >= FEWEST_BLOCKS:
+                bounds = [jackknife(values, weights, self.interval, way) for weights, values, way in several]
+                interval = Interval.joined(bounds, -1)
+            found[name] = Educed(reflection_from_impedance(z), interval)
+        return found, fewest
 
-    def require_tone(self, label: str, signal: Tensor, amplitude: Tensor, frequency: Tensor) -> None:
-        """Refuse pressures (N, T) one of which has no tone: amplitudes of segments (S, N, 1)."""
-        quiet = (amplitude.abs().amax((0, 2)) <= NO_TONE * signal.abs().amax(-1).cpu()).nonzero()[:, 0].tolist()
-        if quiet:
-            where = f"{self.record.name}: {label} pressure has no tone at {float(frequency):g} Hz"
-            raise ValueError(f"{where} in {len(quiet)} of {len(signal)} signals, first {quiet[0]}; leave it out")
-
-    def results(self, each: Sequence[tuple[Parts, Quantities]]) -> tuple[dict[str, Tensor], dict[str, Interval], int]:
-        """Z of quantities, (..., F), from the parts at every frequency; their intervals, none for fewer than four
-        parts; and the fewest parts behind one."""
-        names, fewest = list(each[0][1]), min(len(parts.weights) for parts, _ in each)
-        impedances = {n: torch.cat([made[n][1].impedance(made[n][0][0]) for _, made in each], -1) for n in names}
-        if self.interval is None or fewest < FEWEST_BLOCKS:
-            return impedances, {}, fewest
-        bounds = {}
-        for n in names:
-            found = [jackknife(made[n][0], parts.weights, self.interval, made[n][1]) for parts, made in each]
-            bounds[n] = Interval.joined(found, -1)
-        return impedances, bounds, fewest
-
-    def few_blocks_notes(self, method: str, found: Interval | None) -> list[Note]:
+    def few_blocks_notes(self, method: str, found: Educed) -> list[Note]:
         """Where an interval is missing or rough."""
         if self.interval is None:
             return []
+        code = "no-intervals"
         text = "no statistical interval, since the record holds fewer than four blocks (periods, or segments)"
-        if found is not None:
-            runs = float(found.runs.min())
-            if runs >= FEWEST_RUNS or not float(found.widths.max()) > SMALLEST_WIDTH:
+        if (interval := found.interval) is not None:
+            code, runs = "few-blocks", float(interval.runs.min())
+            if runs >= FEWEST_RUNS or not float(interval.widths.max()) > SMALLEST_WIDTH:
                 return []
             text = f"the error bars rest on {runs:.2g} independent blocks, fewer than {FEWEST_RUNS}; they are rough"
-        return [Note("no-intervals" if found is None else "few-blocks", f"{self.record.name}: {method}: {text}")]
+        return [Note(code, f"{self.record.name}: {method}: {text}")]

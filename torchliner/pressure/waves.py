@@ -2,8 +2,7 @@ r"""From waves along a wall to an impedance with error bars, and Kumaresan and T
 
 Microphones are seen from the source: with s the distance from its side the wave above the liner is
 :math:`e^{-j\alpha' s}`, for a source upstream s = x, alpha' = alpha; for one downstream the array is read backwards,
-s = -x, alpha' = -alpha, and the flow runs at -M along s. Error bars come from what the waves leave, to first order, and
-from draws of the microphones' errors.
+s = -x, alpha' = -alpha, and the flow runs at -M along s.
 
 Kumaresan and Tufts' method finds them over evenly spaced microphones: damped exponentials
 :math:`p_n = \sum_k a_k\lambda_k^n`, conjugated and read backwards, obey
@@ -22,9 +21,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.checks import require_choice, tell, whole_number
+from torchliner.checks import tell, whole_number
 from torchliner.duct.dispersion import impedance_from_wavenumber
-from torchliner.names import CONDITIONS, SOURCES, __version__
+from torchliner.names import SOURCES, __version__
 from torchliner.pressure.microphone_errors import CONTRADICTED, MicrophoneErrors, largest_misfit, wave_notes
 from torchliner.records import MicrophoneLine, WallEduction
 
@@ -32,21 +31,17 @@ EQUAL_SPACING = 5e-3  # of the mean spacing
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
-SIGNALS = 1 << 14  # solved at once, 4 kB each: draws of many frequencies are not held whole
 
 
 def equal_spacing(line: MicrophoneLine) -> float:
     """The mean spacing, m; a ValueError where a microphone is off the even grid by more than 0.5 % of it."""
     number, x = np.arange(line.microphones), line.x.numpy()
-    spacing = float(x[-1] - x[0]) / (line.microphones - 1)
-    off = x - np.polyval(np.polyfit(number, x, 1), number)
+    spacing, off = float(x[-1] - x[0]) / number[-1], x - np.polyval(np.polyfit(number, x, 1), number)
     worst = int(np.abs(off).argmax())
     if abs(off[worst]) > EQUAL_SPACING * spacing:
-        raise ValueError(
-            f"{line.name}: Kumaresan and Tufts' method needs equal spacing, but microphone {worst} at x = "
-            f"{1e3 * x[worst]:.6g} mm is {1e3 * off[worst]:+.3g} mm off an even grid of {1e3 * spacing:.5g} mm; use "
-            "the two-wave fit"
-        )
+        there = f"microphone {worst} at x = {1e3 * x[worst]:.6g} mm is {1e3 * off[worst]:+.3g} mm off an even grid of"
+        needs = f"Kumaresan and Tufts' method needs equal spacing, but {there} {1e3 * spacing:.5g} mm"
+        raise ValueError(f"{line.name}: {needs}; use the two-wave fit")
     return spacing
 
 
@@ -59,19 +54,12 @@ class FromSource(NamedTuple):
     pressure: Tensor  # Pa, (..., N, F), in the order of s
     mach: float  # of the flow along s
 
-    @property
-    def source_side(self) -> str:
-        """``upstream`` or ``downstream``."""
-        return SOURCES[self.sign == -1]
 
-
-def seen_from_source(line: MicrophoneLine, source_side: str | None) -> FromSource:
-    """The line along s; ``source_side`` None is what the line says; ValueError where that or the Mach number is not
-    known."""
-    side = line.source_side if source_side is None else source_side
-    if side not in SOURCES:
-        raise ValueError(f"{line.name}: source_side is {side!r}; give 'upstream' or 'downstream'")
-    if side == "downstream":
+def seen_from_source(line: MicrophoneLine) -> FromSource:
+    """The line along s; ValueError where the side of its source or its Mach number is not known."""
+    if line.source_side not in SOURCES:
+        raise ValueError(f"{line.name}: source_side is {line.source_side!r}; give 'upstream' or 'downstream'")
+    if line.source_side == "downstream":
         return FromSource(line, -1, (line.x[-1] - line.x).flip(0), line.pressure.flip(-2), -line.stated_mach)
     return FromSource(line, 1, line.x - line.x[0], line.pressure, line.stated_mach)
 
@@ -96,19 +84,16 @@ def educe_waves(
     condition: str,
     errors: MicrophoneErrors,
     choices: dict[str, Any],
-    **about: Any,
 ) -> WallEduction:
     """The impedance of a line's waves, its error bars and its warnings, which are told.
 
     ``waves_of`` is the method, of pressures along s, (..., N, F), with any leading axes; ``unknowns`` U, complex ones
-    of the waves; ``choices`` the method's own; ``about`` further fields of the record. RuntimeError where no wave runs
-    with the source at any frequency.
+    of the waves; ``choices`` the method's own. RuntimeError where no wave runs with the source at any frequency.
     """
-    require_choice("condition", condition, CONDITIONS)
     line, pressure, count, spare = seen.line, seen.pressure, seen.line.microphones, seen.line.microphones - unknowns
     freedom = errors.freedom(spare)
     duct = {"height": line.duct_height, "mach": seen.mach, "sound_speed": line.fluid.sound_speed}
-    choices = choices | {"condition": condition, "source_side": seen.source_side, "source": line.name}
+    choices = choices | {"condition": condition, "source_side": line.source_side, "source": line.name}
     choices |= {"microphones": count, "mach": line.stated_mach, "sound_speed": float(line.fluid.sound_speed)}
     choices |= {"version": __version__, **errors.stated, "largest_misfit": largest_misfit(freedom, CONTRADICTED)}
 
@@ -130,24 +115,22 @@ def educe_waves(
             origin=float(line.x[0 if seen.sign == 1 else -1]),
             residual=waves.residual,
             misfit=errors.misfit(waves.residual, count, spare),
-            source_side=seen.source_side,
+            source_side=line.source_side,
             singular_values=waves.singular_values,
             choices={**choices, **settled},
             line=line,
             freedom=2 * spare,
-            **about,
         )
 
     result = record_of(pressure)
     if not bool(torch.isfinite(result.wavenumber).any()):
-        text = f"none of the waves found runs away from a source {seen.source_side}; it may be on the other side"
+        text = f"none of the waves found runs away from a source {line.source_side}; it may be on the other side"
         raise RuntimeError(f"{line.name}: {text}, or the phases of the other sign (exp(+j omega t) is needed)")
     if spare > 0 and pressure.ndim == 2:
         # Slopes of R and X with each microphone's real, then imaginary part, (2 N, F, 2): differences of two eductions,
         # of all microphones as one batch.
-        steps = torch.eye(count, dtype=torch.complex128, device=pressure.device) * STEP
-        steps = torch.cat([steps, 1j * steps])[..., None]
-        steps = steps * pressure.abs().square().mean(0).sqrt()
+        steps = STEP * torch.eye(count).to(pressure)[..., None] * pressure.abs().square().mean(0).sqrt()
+        steps = torch.cat([steps, 1j * steps])
         ahead, behind = impedance_of(waves_of(torch.cat([pressure + steps, pressure - steps]))).split(2 * count)
         slope = torch.view_as_real((ahead - behind) / (2 * STEP))
         # Half of the complex variance belongs to each part.
@@ -165,7 +148,6 @@ def kumaresan_tufts(
     *,
     rank: int = RANK,
     order: int | None = None,
-    source_side: str | None = None,
     condition: str = "ingard-myers",
     margin: float = 0.0,
     **errors: Any,
@@ -176,11 +158,9 @@ def kumaresan_tufts(
         line: microphones; those over the liner are used, all of them if it names no liner.
         rank: K, waves and singular values that are kept.
         order: L of the prediction, at most half the microphones; default half of them.
-        source_side: ``upstream`` or ``downstream``; default what the line says.
         condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
         margin: m that the microphones keep from the liner's ends.
-        errors: ``draws``, ``level_error``, ``phase_error`` and ``generator``, as of
-            ``pressure.microphone_errors.MicrophoneErrors``.
+        errors: ``draws``, ``level_error``, ``phase_error`` and ``seed``, as of ``MicrophoneErrors``.
     Raises:
         TypeError: rank, order or draws is no whole number.
         ValueError: unequal spacing, fewer microphones than twice the order, rank above the order, no known side of the
@@ -190,7 +170,7 @@ def kumaresan_tufts(
         DataWarning: the answer is doubtful; the same text is in ``notes``, with a code.
     Source: Roncen et al. (2026), sections 5.5.5 and 6.4.2; rank and order are not stated there.
     """
-    seen = seen_from_source(line.over_liner(margin), source_side)
+    seen = seen_from_source(line.over_liner(margin))
     spacing = equal_spacing(seen.line)
     rank = whole_number("rank", rank)
     length = seen.line.microphones // 2 if order is None else whole_number("order", order)
@@ -206,16 +186,10 @@ def kumaresan_tufts(
         modes, amplitudes, singular = (each.movedim(-1, -2) for each in (along, amplitude, singular))
         return Waves(wave, modes, amplitudes, residual, singular)
 
+    choices = {"method": "kumaresan-tufts", "rank": rank, "order": length, "margin": margin, "spacing": spacing}
+    given = MicrophoneErrors(**errors)
     return educe_waves(
-        seen,
-        waves_of,
-        method="Kumaresan-Tufts",
-        unknowns=2 * rank,
-        condition=condition,
-        errors=MicrophoneErrors(**errors),
-        rank=rank,
-        order=length,
-        choices={"method": "kumaresan-tufts", "rank": rank, "order": length, "margin": margin, "spacing": spacing},
+        seen, waves_of, method="Kumaresan-Tufts", unknowns=2 * rank, condition=condition, errors=given, choices=choices
     )
 
 
@@ -229,10 +203,6 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> tuple[Tensor, ..
         raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}, at most half the microphones")
     signal = signal.to(torch.complex128)
     lead = signal.shape[:-1]
-    if lead.numel() > SIGNALS:
-        parts = [find_exponentials(each, rank, order) for each in signal.reshape(-1, samples).split(SIGNALS)]
-        whole = (torch.cat(each) for each in zip(*parts, strict=True))
-        return tuple(each.reshape(lead + each.shape[1:]) for each in whole)
     windows = signal.conj().unfold(-1, order + 1, 1)  # (..., N - L, L + 1)
     u, s, vh = torch.linalg.svd(windows[..., 1:], full_matrices=False)
     inverse = torch.where(s > ROUNDING * s[..., :1], 1 / s.clamp(min=1e-300), 0.0)[..., :rank, None]

@@ -187,8 +187,6 @@ class WallEduction(DrawnImpedance):
     singular_values: Tensor | None = var(
         "draws", "singular_value", "frequency", unit="Pa", default=None, text="of the prediction matrix; None for fits"
     )
-    rank: int | None = var(text="waves that were kept; None for fits", default=None)
-    order: int | None = var(text="order of the prediction; None for fits", default=None)
 
     SCHEMA: ClassVar = "torchliner waves 1"
     DERIVED: ClassVar = (

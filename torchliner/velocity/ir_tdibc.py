@@ -15,7 +15,7 @@ from torchliner.engine.kernels import AFTER, VelocityGrid, build_kernels, interp
 from torchliner.fluid import Fluid
 from torchliner.liners.model import as_liner, impedance_of
 from torchliner.names import STEP_KERNELS
-from torchliner.pressure.spectra import transfer_function
+from torchliner.pressure.spectra import segment_amplitudes, transfer
 from torchliner.records.incident import Incident, Tones, as_incident
 from torchliner.velocity.ir_tdibc_wall import fixed_speed, step_in_time
 
@@ -153,7 +153,7 @@ def ir_tdibc(
     curve = LevelCurve(
         level=levels,
         frequency=read,
-        reflection=transfer_function(sent, reflected, read, rate, **cut).response,
+        reflection=transfer(*(segment_amplitudes(each, read, rate, **cut) for each in (sent, reflected)))[0],
         rms_speed=speed,
         peak_speed=velocity.abs().amax(1),
         drift=((later - every[:, n - half : n]).square().mean(1) / later.square().mean(1)).sqrt(),
