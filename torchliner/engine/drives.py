@@ -105,19 +105,15 @@ def _periodic(seen: Survey, cells: Membership) -> tuple[Tensor, Tensor, Tensor]:
     return fit, periodic, (1 - noise / power.clamp(min=1e-300)).clamp(min=0)
 
 
-def incoherent_power(seen: Survey, cells: Membership) -> Tensor:
-    """Sums over each block of the square of all that is not in step with the tone, what a fit keeps of the turbulence
-    included, as in the drive, m2/s2, (S, P)."""
+def incoherent_square(seen: Survey, cells: Membership) -> Tensor:
+    """Mean square of all that is not in step with the tone, what a fit keeps of the turbulence included, as in the
+    drive; over the cell where a probe has one, m2/s2, (P,)."""
     rows = seen.rows
     fit, away, share = _periodic(seen, cells)
     kept = fit - (1 - cells.spread(torch.cat([share, share[1:]]))) * away
     gram = seen.gram[:, rows][:, :, rows].to(kept)
-    return (seen.squares + ((gram @ kept - 2 * seen.sums[:, rows]) * kept).sum(1)).clamp(min=0)
-
-
-def incoherent_square(seen: Survey, cells: Membership) -> Tensor:
-    """Its mean over the record, and over the cell where a probe has one, m2/s2, (P,)."""
-    own = incoherent_power(seen, cells).sum(0) / seen.lengths.sum()
+    power = (seen.squares + ((gram @ kept - 2 * seen.sums[:, rows]) * kept).sum(1)).clamp(min=0)
+    own = power.sum(0) / seen.lengths.sum()
     return torch.where(cells.labels < cells.count, cells.spread(cells.mean(own)), own)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -17,7 +17,7 @@ from torchliner.names import resolve
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
 from torchliner.records.notes import Note
-from torchliner.records.outlets import Summarised
+from torchliner.records.outlets import Written
 
 ASKED = torch.linspace(300.0, 6000.0, 58, dtype=torch.float64)  # Hz, of the error that is stated
 # Choices that the moments contain: they cannot be made again.
@@ -59,7 +59,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Moments(Layout, Summarised):
+class Moments(Layout, Written):
     """What ``torchliner.moments`` leaves of a plane: Z of any liner at any frequency from it."""
 
     settings: Mapping[str, Any]  # choices that went into them, by name
@@ -69,6 +69,8 @@ class Moments(Layout, Summarised):
     # of cells", those of the squares of the cells' velocity, (S, 1, 1, C).
     sums: Mapping[str, Tensor]
     notes: tuple[Note, ...] = ()
+
+    FILE: ClassVar = "torchliner.io.moments_file:write_moments"
 
     def educe(self, liner: Any, frequency: Any = None, **choices: Any) -> Any:
         """``torchliner.educe`` of these moments: the same map, without reading data."""
@@ -100,10 +102,6 @@ class Moments(Layout, Summarised):
     def plot(self, path: str | Path | None = None, *, ax: Any = None) -> Any:
         """Mean and rms of v along x, as ``VelocityPlane.plot``."""
         return resolve("torchliner.report.curves:draw_velocity")(self, path, axes=ax)
-
-    def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file, which ``torchliner.read_moments`` reads (docs/formats.md)."""
-        resolve("torchliner.io.moments_file:write_moments")(self, path)
 
     @property
     def size(self) -> int:

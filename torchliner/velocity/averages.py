@@ -11,7 +11,6 @@ that the intervals of probes, cells and liner come from the same lines of code a
 
 import contextlib
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -203,23 +202,20 @@ def fold(
         places.append(cells.count + 1 + torch.arange(columns, device=device) % rows)
     leave = leave if wall is None or of_cells else leave | wall
     numbers, sums = torch.zeros(cells.count + 1 + rows, dtype=torch.float64, device=device), torch.empty(0)
-
     shares = lengths / lengths.sum()
 
-    def work(part: slice) -> tuple[slice, Tensor, Educed | None]:
+    def work(part: slice) -> tuple[slice, Tensor, Educed]:
         each = reflection(part)
-        admittance = admittance_from_reflection(each).masked_fill(leave[part], 0)
         own = None if level is None or of_cells else jackknife(each.detach(), shares, level)
-        return part, admittance, None if of_cells else Educed(each[0], own)
+        admittance = admittance_from_reflection(each).masked_fill(leave[part], 0) * weight[part, None]
+        return part, admittance, Educed(each[0], own)
 
     # The bits of a column do not depend on how the columns are shared out.
     size = max(1, ELEMENTS // ((1 + len(lengths)) * frequencies)) if device.type == "cpu" else columns
     parts, found = [slice(left, min(left + size, columns)) for left in range(0, columns, size)], list[Educed]()
     for part, admittance, own in in_order(work, parts, device) if threads else map(work, parts):
-        found += [] if own is None else [own]
-        if not sums.numel():
-            sums = admittance.new_zeros(len(admittance), len(numbers), frequencies)
-        admittance = admittance * weight[part, None] if of_cells else admittance
+        sums = sums if found else admittance.new_zeros(len(admittance), len(numbers), frequencies)
+        found.append(own)
         for place in places:
             sums.index_add_(1, place[part], admittance)
             numbers.index_add_(0, place[part], weight[part])
@@ -229,14 +225,10 @@ def fold(
     )
     averages = reflection_from_admittance(sums / torch.where(number > 0, number, torch.nan))
     joined = Educed(averages[0], None if level is None else jackknife(averages.detach(), shares, level))
-    probes, nan = None, {True: complex(math.nan, math.nan), False: math.nan}
-    if found:
-        tensors = [[each.reflection, *(vars(each.interval).values() if each.interval else ())] for each in found]
-        whole = (torch.cat(each) for each in zip(*tensors, strict=True))
-        value, *bounds = (each.masked_fill(~cells.used[:, None], nan[each.is_complex()]) for each in whole)
-        probes = Educed(value, Interval(*bounds) if bounds else None)
+    bounds = [each.interval for each in found if each.interval is not None]
+    whole = Educed(torch.cat([each.reflection for each in found]), Interval.joined(bounds) if bounds else None)
     return Averages(
-        probes=probes,
+        probes=None if of_cells else whole,
         cells=joined.map(lambda value: value[1 : 1 + cells.count]),
         liner=joined.map(lambda value: value[0]),
         along_x=joined.map(lambda value: value[2 + cells.count :]) if rows else None,
