@@ -23,7 +23,7 @@ from torchliner.studies.laws import Knots, Law, impedances_at
 from torchliner.studies.variants import Records, plane_of
 from torchliner.velocity.averages import survey_of_columns
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import moments, require_fitting
+from torchliner.velocity.educe import fitting, moments
 from torchliner.velocity.review import review_case
 
 SHARE = 0.02  # of |Z|: noise of references for which none is stated
@@ -140,7 +140,7 @@ def read_runs(planes: Any, liners: Any, frequency: Any, chosen: Choices) -> list
     for plane, liner in zip(several, map(as_liner, liners), strict=True):
         asked, any_liner.cell_pitch = plane_of(plane).asked(frequency), liner.cell_pitch
         if isinstance(plane, Moments):
-            require_fitting(known := plane, any_liner, asked, chosen)
+            fitting(known := plane, any_liner, asked, chosen)
         else:
             known = moments(plane, None, frequency, cell_pitch=liner.cell_pitch, **vars(chosen))
         runs.append(Run(known, chosen.averaging, asked, liner))

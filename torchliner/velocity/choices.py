@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from torch import Tensor
 
 from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES
@@ -13,10 +12,8 @@ from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES
 NAMED = {"averaging": AVERAGINGS, "phase": PHASES, "drive": DRIVES, "mean": MEANS, "missing": MISSING}
 RANGES = {
     "interval": (1e-9, 1 - 1e-9, "; it is a level between 0 and 1"),
-    "minimum_coherence": (0, 1, "; it is a squared coherence, 0 to 1"),
-    "wall_filter": (0, 1, "; it is a squared coherence, 0 to 1"),
-    "level_limit": (0, 1e3, " dB; it is 0 to 1000 dB"),
-    "level_uncertainty": (0, 1e3, " dB; it is 0 to 1000 dB"),
+    **dict.fromkeys(("minimum_coherence", "wall_filter"), (0, 1, "; it is a squared coherence, 0 to 1")),
+    **dict.fromkeys(("level_limit", "level_uncertainty"), (0, 1e3, " dB; it is 0 to 1000 dB")),
 }
 # Those that are computed, by the one that is asked for.
 COMPUTED = {name: tuple(AVERAGINGS)[: 3 if name == "phase-locked" else 2] for name in AVERAGINGS}
@@ -88,12 +85,6 @@ class Choices:
             if self.drive != "running-rms":
                 raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
         self.working(torch.empty(0, dtype=torch.float64))
-
-    def window(self, frequency: Tensor) -> float | None:
-        """Length of the running rms, s: by default a period of the lowest frequency asked for, Hz, (F,)."""
-        if self.drive != "running-rms" or self.running_window is not None:
-            return self.running_window
-        return 1 / float(frequency.min())
 
     def working(self, velocity: Any) -> tuple[torch.device, torch.dtype]:
         """Device and precision that were asked for, else those of the data; the CPU for data in a file."""

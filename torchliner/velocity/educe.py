@@ -131,8 +131,7 @@ def answer(
 ) -> ImpedanceMap:
     """The map from moments, as ``educe`` gives it; a ValueError where these do not fit what is asked."""
     plane, liner, names = known.plane, liner.in_flow(known.plane.mach), COMPUTED[chosen.averaging]
-    chosen = settled(plane, chosen, frequency, liner, known.cell_pitch)
-    require_fitting(known, liner, frequency, chosen)
+    chosen = fitting(known, liner, frequency, chosen)
     found = {name: average(known, liner, frequency, chosen, name, reference_phase) for name in names}
     heard, of_sound = review.review_sound(known, liner, frequency, chosen)
     without_tone = any(note.code == review.NO_TONE for note in heard)
@@ -153,11 +152,13 @@ def answer(
     return map_of(known, liner, frequency, found, notes=tuple(dict.fromkeys(notes)), **about)
 
 
-def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> None:
-    """Refuse what the moments of a plane cannot answer: another drive, averaging, cell and so on."""
+def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices) -> Choices:
+    """Choices, settled for the plane of moments; a ValueError for what these cannot answer: another drive, averaging,
+    cell and so on."""
     name, again = f"{known.plane.name} was reduced", "or reduce the data again"
     known.require_speeds(liner)
-    wanted = chosen.describe() | {"running_window": chosen.window(frequency)}
+    chosen = settled(known.plane, chosen, frequency, liner, known.cell_pitch)
+    wanted = chosen.describe()
     free = {"phase", "missing", "allow_short"}  # choices that may be made again; a phase where its line is held
     free |= {"averaging"} if chosen.averaging in known.sums or chosen.drive == "rms" else set()
     free |= set() if chosen.averaging == "phase-locked" else {"background"}
@@ -166,9 +167,8 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
             remedy = f"leave {key} out" if made is None else f"choose {key}={made!r}"
             raise ValueError(f"{name} with {key} {made!r}, and {wanted[key]!r} is asked for; {remedy}, {again}")
     if liner.cell_pitch != known.cell_pitch:
-        raise ValueError(
-            f"{name} for a cell_pitch of {known.cell_pitch} m, and the liner has {liner.cell_pitch} m; {again[3:]}"
-        )
+        pitches = f"a cell_pitch of {known.cell_pitch} m, and the liner has {liner.cell_pitch} m"
+        raise ValueError(f"{name} for {pitches}; {again[3:]}")
     needed = []
     if chosen.phase != "averaged":
         needed.append((f"the line of phase {chosen.phase!r}", known.turns / 2))
@@ -177,9 +177,9 @@ def require_fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen
     for what, lines in needed:
         for f in (f for f in frequency.tolist() if index_of_frequency(lines, f) is None):
             held = ", ".join(f"{line:g}" for line in lines.tolist()) + " Hz" if len(lines) else "no line"
-            raise ValueError(
-                f"{name} with {what} at {held}, and not at {f:g} Hz; choose phase='averaged', no wall_filter, {again}"
-            )
+            text = f"{name} with {what} at {held}, and not at {f:g} Hz"
+            raise ValueError(f"{text}; choose phase='averaged', no wall_filter, {again}")
+    return chosen
 
 
 def map_of(

@@ -198,9 +198,8 @@ def settled(
             return take_moments(reading_of(each, [], each.frequency or frequency, own, cell_pitch=pitch, summed=False))
 
         quiet = background_of(plane, quiet, liner, pitch, survey)
-    if chosen.drive == "running-rms":
-        chosen = dataclasses.replace(chosen, running_window=chosen.window(frequency))
-    return dataclasses.replace(chosen, background=quiet)
+    window = 1 / lowest if chosen.drive == "running-rms" and chosen.running_window is None else chosen.running_window
+    return dataclasses.replace(chosen, background=quiet, running_window=window)
 
 
 def take_moments(
