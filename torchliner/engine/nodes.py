@@ -11,7 +11,7 @@ or more are open. ``Levels`` serves tables, whose R has a kink at each of their 
 import importlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -63,7 +63,7 @@ class Chebyshev:
 
     count: int  # K, 2 or more
     centre: float  # c, m/s
-    kind: str = "chebyshev"
+    kind: Literal["chebyshev"] = "chebyshev"
 
     @property
     def speeds(self) -> Tensor:
@@ -93,7 +93,7 @@ class Levels:
 
     kinks: tuple[float, ...]  # m/s, rising from 0; sums with |v| beyond the last are nan
     parts: int  # equal steps from kink to kink, 3 or more
-    kind: str = "levels"
+    kind: Literal["levels"] = "levels"
 
     @property
     def count(self) -> int:

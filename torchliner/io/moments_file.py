@@ -1,58 +1,104 @@
 """The record of moments as netCDF-4: all that an eduction takes, to the last bit."""
 
-from collections.abc import Iterable
-from dataclasses import replace
+import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import h5py
 import torch
+from torch import Tensor
 
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments, ReducedVelocity
-from torchliner.engine.nodes import Chebyshev, Levels, Nodes
+from torchliner.engine.nodes import Nodes
 from torchliner.engine.survey import Membership, Survey
-from torchliner.io.hdf5 import is_there, open_file, text_attribute
-from torchliner.io.own_file import read_attribute, read_coordinate, read_row, require_schema, take
-from torchliner.io.own_writer import fill, new_file, write_row
+from torchliner.io.hdf5 import open_file, text_attribute
+from torchliner.io.own_file import require_schema, take
+from torchliner.io.own_writer import fill, new_file
 from torchliner.names import AVERAGINGS
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import Cells
-from torchliner.records.checked import require_shapes
-from torchliner.records.declared import Variable, table_of, variables_of
+from torchliner.records.checked import check, require_shapes
+from torchliner.records.declared import ANY, flat, part, record, var
 from torchliner.records.notes import Note
 
 STEM = "torchliner moments "
-SCHEMA = f"{STEM}1"
-BLOCK = ("block", "point")
-SQUARES = "square of cells"
-CELLS, AREA = variables_of(Cells), Variable("area", "m2", ("point",))
-(START,) = table_of(VelocityPlane, "start")
+SQUARES = "square of cells"  # among the sums of ``Moments``
+WEIGHED = ("block", "turn_row", "node")
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
-Notes = tuple[Note | str, ...]
-KNOWN = (
-    Variable("turns", "Hz", ("turn",), name="turn_frequency", optional=True),
-    Variable("used", "1", ("point",), "flag"),
-)
-SURVEY = (
-    Variable("lines", "Hz", ("line",), name="line_frequency"),
-    Variable("sums", "m/s", ("block", "row", "point"), name="line_sums", wide=True),
-    Variable("squares", "m2/s2", BLOCK, name="square_sums", wide=True),
-    Variable("peaks", "m/s", BLOCK),
-)
-LOCKED = (
-    Variable("taken", "m/s", ("harmonic_row", "point")),
-    Variable("scale", "1", ("point",), optional=True),
-    Variable("share", "1", ("harmonic", "cell")),
-)
-SUMS = {
-    SQUARES: Variable(SQUARES, "m2/s2", ("block", "cell"), name="cell_square_sums", wide=True),
-    **{
-        name: Variable(name, "1", ("block", "turn_row", "node", each), name=f"{name.replace('-', '_')}_sums")
-        for name, each in {"admittance": "point", "velocity": "cell", "phase-locked": "point"}.items()
-    },
-}
+# Fields of ``Stored`` by what holds them in memory, too.
+OF_MOMENTS = ("nodes", "settings", "cell_pitch", "cells", "used", "notes")
+OF_SURVEY = ("blocks", "lines", "harmonics", "sums", "squares", "peaks")
+OF_DRIVE = ("taken", "share", "scale")
+
+
+@record
+class Stored:
+    """What the file holds beside the facts of the plane. A row is that of 1, or of a cosine or sine: of the lines
+    (``row``), the tone's harmonics (``harmonic_row``), the waves of the phase rule (``turn_row``).
+
+    Args:
+        shape, precision: of the velocity, (..., T); ``float32`` or ``float64``.
+    Raises:
+        ValueError: something is missing, not finite, or of another shape than blocks, lines and nodes say.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    precision: str
+    blocks: Blocks
+    harmonics: int
+    nodes: Nodes | None
+    settings: Mapping[str, Any]
+    cell_pitch: float | None
+    notes: tuple[Note | str, ...]
+    cells: Cells = part()
+    start: float = var(unit="s", text="time of the first sample")
+    used: Tensor = var("point", kind="flag")
+    lines: Tensor = var("line", unit="Hz", name="line_frequency")
+    sums: Tensor = var("block", "row", "point", unit="m/s", name="line_sums", wide=True, range=ANY)
+    squares: Tensor = var("block", "point", unit="m2/s2", name="square_sums", wide=True, range=ANY)
+    peaks: Tensor = var("block", "point", unit="m/s", text="largest |v|", range=ANY)
+    cell_square_sums: Tensor = var("block", "cell", unit="m2/s2", wide=True, range=ANY)
+    area: Tensor | None = var("point", unit="m2", default=None)
+    turns: Tensor | None = var("turn", unit="Hz", name="turn_frequency", default=None)
+    taken: Tensor | None = var("harmonic_row", "point", unit="m/s", range=ANY, default=None)
+    share: Tensor | None = var("harmonic", "cell", range=ANY, default=None)
+    scale: Tensor | None = var("point", range=ANY, default=None)
+    admittance_sums: Tensor | None = var(*WEIGHED, "point", range=ANY, default=None)
+    velocity_sums: Tensor | None = var(*WEIGHED, "cell", range=ANY, default=None)
+    phase_locked_sums: Tensor | None = var(*WEIGHED, "point", range=ANY, default=None)
+
+    SCHEMA: ClassVar = f"{STEM}1"
+    UNSAID: ClassVar = ("name",)
+
+    def __post_init__(self) -> None:
+        needed = [*(("taken", "share") if self.locks else ()), *self.weighed.values()]
+        if lost := [field for field in needed if getattr(self, field) is None]:
+            raise ValueError(f"{self.name}:/{lost[0]} is missing; reduce the data again")
+        check(self)
+        rows = {"": len(self.lines), "turn_": 0 if self.turns is None else len(self.turns), "harmonic_": self.harmonics}
+        sizes = {"point": math.prod(self.shape[:-1]), "block": self.blocks.count, "harmonic": 1 + self.harmonics}
+        sizes |= {f"{of}row": 1 + 2 * count for of, count in rows.items()}
+        sizes |= {} if self.nodes is None else {"node": self.nodes.count}
+        require_shapes(flat(self), self.name, {dim: (count,) for dim, count in sizes.items()})
+
+    @property
+    def locks(self) -> bool:
+        """Whether there is a phase-locked drive."""
+        return bool(self.settings["averaging"] == "phase-locked")
+
+    @property
+    def weighed(self) -> dict[str, str]:
+        """By averaging, the field with the sums of the nodes' functions; none with drive ``rms``."""
+        held = [*AVERAGINGS][: 0 if self.nodes is None else 2 + self.locks]
+        return {name: f"{name.replace('-', '_')}_sums" for name in held}
+
+
+def _some(owner: Any, names: Iterable[str]) -> dict[str, Any]:
+    return {name: getattr(owner, name) for name in names}
 
 
 def write_moments(known: Moments, path: str | Path) -> None:
@@ -60,29 +106,15 @@ def write_moments(known: Moments, path: str | Path) -> None:
     that answer certain frequencies of one liner alone."""
     if known.onto is not None:
         raise ValueError(f"{path}: moments of one liner at certain frequencies have no file; use tl.moments")
-    plane, seen = known.plane, known.survey
-    velocity = {"shape": list(plane.velocity.shape), "precision": str(plane.velocity.dtype).removeprefix("torch.")}
-    said = {
-        "schema": SCHEMA,
-        "velocity": velocity,
-        "blocks": {**vars(seen.blocks), "harmonics": seen.harmonics},
-        "nodes": {} if known.nodes is None else vars(known.nodes),
-        "settings": {**known.settings, "cell_pitch": known.cell_pitch},
-        "notes": known.notes,
-    }
-    held = ((known, KNOWN), (seen, SURVEY), (known.cells, CELLS), (known.locked, LOCKED))
+    plane, sums = known.plane, dict(known.sums)
+    about = {"name": str(path), "shape": plane.velocity.shape, "precision": str(plane.velocity.dtype).partition(".")[2]}
+    about |= _some(plane, ("start", "area")) | _some(known, OF_MOMENTS) | _some(known.survey, OF_SURVEY)
+    about |= _some(known.locked, OF_DRIVE) if known.locked else {}
+    about |= {"turns": known.turns if len(known.turns) else None, "cell_square_sums": sums.pop(SQUARES)[:, 0, 0]}
+    about |= {f"{name.replace('-', '_')}_sums": each for name, each in sums.items()}
     with new_file(path) as file:
-        fill(file, plane, unsaid=("velocity", "area"), **said)
-        for owner, table in held if known.locked else held[:-1]:
-            for row in table:
-                value = getattr(owner, row.field)
-                if not (value is None or (row.optional and len(value) == 0)):
-                    write_row(file, row, value)
-        for name, each in known.sums.items():
-            write_row(file, SUMS[name], each[:, 0, 0] if name == SQUARES else each)
-        write_row(file, START, plane.start)
-        if plane.area is not None:
-            write_row(file, AREA, plane.area)
+        fill(file, plane, unsaid=("velocity", "area"))
+        fill(file, Stored(**about))
 
 
 def holds_moments(path: str | Path) -> bool:
@@ -101,57 +133,22 @@ def read_moments(path: str | Path) -> Moments:
         ValueError: of another kind or format; a dataset is missing, is not finite, or has a wrong shape or unit; the
             message names FILE:/dataset.
     """
-    path = Path(path)
+    about: dict[str, Any] = {"name": str(path)}
     with open_file(path) as file:
-        require_schema(file, path, SCHEMA)
-        head = ("velocity", "blocks", "nodes", "settings")
-        said = {key: read_attribute(file, key, dict[str, Any], path) for key in head}
-        shape, precision = tuple(said["velocity"]["shape"]), PRECISIONS[said["velocity"]["precision"]]
-        harmonics, borders = said["blocks"].pop("harmonics"), tuple(said["blocks"]["borders"])
-        blocks = Blocks(**said["blocks"] | {"borders": borders})
-        nodes: Nodes | None = None
-        if plain := said["nodes"]:
-            of_table = plain.pop("kind") == "levels"
-            nodes = Levels(tuple(plain["kinks"]), plain["parts"]) if of_table else Chebyshev(**plain)
-        settings, pitch = said["settings"], said["settings"].pop("cell_pitch")
-        locks = settings["averaging"] == "phase-locked"
-        sums = [SUMS[name] for name in (SQUARES, *([*AVERAGINGS][: 2 + locks] if nodes else []))]
-        rows = (*KNOWN, *SURVEY, *CELLS, *(LOCKED if locks else ()), *sums)
-        there = [row for row in rows if not row.optional or is_there(file, row.names[0], path)]
-        found = {row.field: read_row(file, row, path) for row in there}
-        area = read_row(file, AREA, path) if is_there(file, AREA.field, path) else None
-        about: dict[str, Any] = {axis: read_coordinate(file, axis, shape[:-1], path) for axis in "xz"}
-        left = ReducedVelocity(shape, precision, str(path), in_file=True)
-        about |= {"velocity": left, "name": str(path)}
-        plane = take(file, VelocityPlane, path, about | {"sampling_rate": blocks.sampling_rate, "area": area})
-        lines, turns = found["lines"], found.get("turns", torch.zeros(0, dtype=torch.float64))
-        count = {"point": plane.probes, "block": blocks.count, "line": len(lines), "turn_row": 1 + 2 * len(turns)}
-        count |= {"row": 1 + 2 * len(lines), "harmonic": 1 + harmonics, "harmonic_row": 1 + 2 * harmonics}
-        count |= {} if nodes is None else {"node": nodes.count}
-        stored = [(replace(row, field=row.names[0]), found[row.field]) for row in there]
-        require_shapes(stored, str(path), {key: (n,) for key, n in count.items()})
-        for row in there:
-            if row not in CELLS and not bool(torch.isfinite(found[row.field]).all()):
-                raise ValueError(f"{path}:/{row.names[0]} holds values that are not finite; reduce the data again")
-        notes = read_attribute(file, "notes", Notes, path)
-
-    def fields(table: Iterable[Variable]) -> dict[str, Any]:
-        return {row.field: found[row.field] for row in table if row in there}
-
-    cells = Cells(**fields(CELLS))
-    survey = Survey(blocks=blocks, harmonics=harmonics, **fields(SURVEY))
-    tone = {"lines": lines[:harmonics], "sampling_rate": blocks.sampling_rate}
+        require_schema(file, path, Stored.SCHEMA)
+        kept: Stored = take(file, Stored, path, about)
+        left = ReducedVelocity(kept.shape, PRECISIONS[kept.precision], str(path), in_file=True)
+        about |= {"velocity": left, "sampling_rate": kept.blocks.sampling_rate}
+        plane: VelocityPlane = take(file, VelocityPlane, path, about)
+    survey = Survey(**_some(kept, OF_SURVEY))
+    tone = {"lines": kept.lines[: kept.harmonics], "sampling_rate": kept.blocks.sampling_rate}
+    sums = {SQUARES: kept.cell_square_sums[:, None, None]}
     return Moments(
+        **_some(kept, OF_MOMENTS),
         plane=plane,
-        settings=settings,
-        cell_pitch=pitch,
-        cells=cells,
-        membership=Membership.of(cells, found["used"], survey.sums.device),
-        used=found["used"],
+        membership=Membership.of(kept.cells, kept.used, survey.sums.device),
         survey=survey,
-        locked=Drive(**tone, **fields(LOCKED)) if locks else None,
-        nodes=nodes,
-        turns=turns,
-        sums={row.field: found[row.field][:, None, None] if row.field == SQUARES else found[row.field] for row in sums},
-        notes=notes,
+        locked=Drive(**tone, **_some(kept, OF_DRIVE)) if kept.locks else None,
+        turns=kept.lines[:0] if kept.turns is None else kept.turns,
+        sums=sums | {name: getattr(kept, field) for name, field in kept.weighed.items()},
     )

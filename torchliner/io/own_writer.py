@@ -24,7 +24,6 @@ from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.names import RESULT_WRITERS, resolve
 from torchliner.records.case import AtProbes
 from torchliner.records.declared import Variable, facts_of, flat
-from torchliner.records.notes import Note
 from torchliner.records.outlets import Result
 
 LONGEST_TEXT = 60_000  # bytes
@@ -186,12 +185,12 @@ def set_texts(owner: Any, **values: Any) -> None:
 
 
 def to_json(value: Any) -> str:
-    """JSON text; arrays and tensors become lists, warnings objects, what JSON does not know text."""
+    """JSON text; arrays and tensors become lists, dataclasses objects, what JSON does not know text."""
 
     def known(item: Any) -> Any:
         if isinstance(item, Mapping):
             return dict(item)
-        return vars(item) if isinstance(item, Note) else getattr(item, "tolist", item.__str__)()
+        return vars(item) if dataclasses.is_dataclass(item) else getattr(item, "tolist", item.__str__)()
 
     return json.dumps(value, default=known)
 
