@@ -72,11 +72,11 @@ def test_a_plane_in_is_the_plane_out(tmp_path, name):
     if name not in EXACT:
         assert found.sampling_rate == pytest.approx(1 / STEP)
         assert found.start == 0
-    again = pickle.loads(pickle.dumps(lazy.velocity))
+    again = pickle.loads(pickle.dumps(lazy))
     for begin, end in ((0, 9), (2, 5), (8, 9), (6, 99)):
         for part in (lazy, again):
             assert torch.equal(part.read(begin, end).nan_to_num(7), found.read(begin, end).nan_to_num(7))
-    assert not isinstance(lazy.velocity, torch.Tensor)
+    assert isinstance(lazy.velocity, torch.Tensor) == (name not in EXACT | make.VARIABLES.keys())  # imported at once
     assert torch.equal(lazy.load().velocity.nan_to_num(7), found.velocity.nan_to_num(7))
 
 

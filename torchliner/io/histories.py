@@ -15,7 +15,7 @@ import numpy as np
 
 from torchliner.checks import tell
 from torchliner.file_checks import Unwritten, require_memory, require_regular
-from torchliner.io.plane_format import Imported, PlaneFormat, PlaneRequest, clock_of
+from torchliner.io.plane_format import PlaneFormat, PlaneRequest, clock_of
 from torchliner.io.points import AXES, place, require_direction, require_velocity, stated_factor
 from torchliner.records import VelocityPlane
 from torchliner.text_columns import number_of
@@ -158,8 +158,7 @@ def open_histories(path: Path, request: PlaneRequest) -> VelocityPlane:
     values *= -factor if (request.normal or "").startswith("-") else factor
     if placed is not None:
         return placed.plane(values, rate, start, path, format="time histories")
-    velocity = Imported(values, (count, len(values)), f"{path}")
-    return VelocityPlane(velocity, sampling_rate=rate, start=start, name=f"{path}", title=path.stem)
+    return VelocityPlane(values.T, sampling_rate=rate, start=start, name=f"{path}", title=path.stem)
 
 
 def _numbers(line: str) -> np.ndarray:

@@ -18,16 +18,8 @@ from torchliner.file_checks import naming, require_regular
 from torchliner.fluid import Fluid
 from torchliner.io.foreign import read_array
 from torchliner.io.hdf5 import is_there, open_file, text_attribute
-from torchliner.io.own_file import (
-    get_field,
-    read_attribute,
-    read_clock,
-    read_coordinate,
-    read_row,
-    require_schema,
-    take,
-)
-from torchliner.io.variables import field_of, time_axis
+from torchliner.io.own_file import get_field, read_attribute, read_row, require_schema, take
+from torchliner.io.variables import read_times, time_axis
 from torchliner.pressure.spectra import reject_flow_noise
 from torchliner.records import MicrophoneLine, PressureRecord
 from torchliner.records.declared import table_of
@@ -61,13 +53,11 @@ def read_pressure(path: str | Path) -> PressureRecord:
         rows = table_of(PressureRecord, *SIGNALS)
         if not any(there := [is_there(file, row.names[0], path) for row in rows]):
             get_field(file, rows[0].names[0], path)  # says what is there instead
-        rate, samples, start = read_clock(file, path)
+        rate, samples, start = read_times(get_field(file, "time", path))
         known: dict[str, Any] = {"sampling_rate": rate, "start": start, "name": str(path)}
+        known["title"] = text_attribute(file, "title") or path.stem
         for row, found in zip(rows, there, strict=True):
             known[row.field] = _signal(file, row.names[0], row.unit, samples, path) if found else None
-        shape = () if known["facesheet"] is None else known["facesheet"].shape[:-1]
-        known |= {key: read_coordinate(file, key, shape, path) for key in ("x", "z")}
-        known["title"] = text_attribute(file, "title") or path.stem
         made: PressureRecord = take(file, PressureRecord, path, known)
         return made
 
@@ -107,8 +97,7 @@ def read_microphones(
 
 def _signal(file: h5py.File, key: str, unit: str, samples: int, path: Path) -> np.ndarray:
     """A signal in an SI unit, time last, float32 or float64 as in the file."""
-    get_field(file, key, path)  # says what is there instead
-    signal = field_of(file, key, path)
+    signal = get_field(file, key, path)
     factor, axis, values = signal.signal_factor(unit), time_axis(signal, samples), signal.values()
     values = values if values.dtype in (np.float32, np.float64) else values.astype(np.float32)
     moved = np.ascontiguousarray(np.moveaxis(values, axis, -1))
@@ -123,7 +112,7 @@ def _of_signals(
         if not is_there(file, FREQUENCY.names[0], path):
             raise ValueError(f"{path} states no frequency; give frequency=..., in Hz")
         frequency = read_row(file, FREQUENCY, path)
-    rate, samples, _ = read_clock(file, path)
+    rate, samples, _ = read_times(get_field(file, "time", path))
     signals = torch.from_numpy(_signal(file, "pressure", "Pa", samples, path).astype(np.float64))
     reference = torch.from_numpy(get_field(file, "reference", path).values().astype(np.float64)).reshape(-1)
     wanted = torch.as_tensor(frequency, dtype=torch.float64).reshape(-1)

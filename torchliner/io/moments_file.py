@@ -1,7 +1,7 @@
 """The record of moments as netCDF-4: all that an eduction takes, to the last bit."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -97,7 +97,7 @@ class Stored:
         return {name: f"{name.replace('-', '_')}_sums" for name in held}
 
 
-def _some(owner: Any, names: Iterable[str]) -> dict[str, Any]:
+def _some(owner: Any, names: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(owner, name) for name in names}
 
 
@@ -141,7 +141,7 @@ def read_moments(path: str | Path) -> Moments:
         about |= {"velocity": left, "sampling_rate": kept.blocks.sampling_rate}
         plane: VelocityPlane = take(file, VelocityPlane, path, about)
     survey = Survey(**_some(kept, OF_SURVEY))
-    tone = {"lines": kept.lines[: kept.harmonics], "sampling_rate": kept.blocks.sampling_rate}
+    tone: dict[str, Any] = {"lines": kept.lines[: kept.harmonics], "sampling_rate": kept.blocks.sampling_rate}
     sums = {SQUARES: kept.cell_square_sums[:, None, None]}
     return Moments(
         **_some(kept, OF_MOMENTS),

@@ -18,7 +18,7 @@ from torchliner.file_checks import naming
 from torchliner.fluid import Fluid
 from torchliner.io.hdf5 import is_there, open_file, require_stored, text_attribute
 from torchliner.io.own_writer import FLUID_UNITS, REFERENCES, dims_of
-from torchliner.io.variables import Field, coordinate, read_times, references_of
+from torchliner.io.variables import Field, field_of, references_of
 from torchliner.records import ImpedanceLine, ImpedanceMap, Interval, PointImpedances
 from torchliner.records.case import Case
 from torchliner.records.checked import require_shapes
@@ -196,11 +196,11 @@ def _has(group: h5py.Group, key: str, path: str | Path) -> bool:
 
 
 def get_field(group: h5py.Group, key: str, path: str | Path) -> Field:
-    """A variable by name, whose axes are not asked for; a ValueError lists what is there instead."""
+    """A variable by name; a ValueError lists what is there instead."""
     if not is_there(group, key, path) or not isinstance(group[key], h5py.Dataset):
         where, held = "the file" if group.name == "/" else "the group", ", ".join(sorted(group)) or "nothing"
         raise ValueError(f"{path}:{group.name.rstrip('/')}/{key} is missing; {where} holds: {held}")
-    return Field(group[key], Path(path), f"{group.name.rstrip('/')}/{key}", group[key].attrs)
+    return field_of(group, key, path)
 
 
 def read_row(group: h5py.Group, row: Variable, path: str | Path) -> Any:
@@ -253,18 +253,3 @@ def read_attribute(owner: Any, key: str, hint: Any, path: str | Path) -> Any:
 
 
 _adapter = functools.cache(TypeAdapter)
-
-
-# Axes of files that others may have written
-
-
-def read_clock(group: h5py.Group, path: str | Path) -> tuple[float, int, float]:
-    """Sampling rate (Hz), number of samples, and time of the first, s; as ``read_times``."""
-    return read_times(get_field(group, "time", path))[:3]
-
-
-def read_coordinate(file: h5py.Group, key: str, shape: tuple[int, ...], path: str | Path) -> Any:
-    """x or z of probes, m; None if the file has none, or numbers its columns alone; as ``variables.coordinate``."""
-    if not is_there(file, key, path):
-        return None
-    return coordinate(get_field(file, key, path), 1 if not shape else shape[-1] if key == "x" else shape[0])

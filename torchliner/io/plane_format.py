@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -110,22 +110,6 @@ class Stored:
         for begin, end in slab_bounds(samples, probes):
             self.read(begin, end, whole[begin:end])
         return whole.reshape(samples, *self.shape[:-1]).movedim(0, -1)
-
-
-@dataclass
-class Imported(Stored):
-    """Velocity that was read once, (T, P), m/s, from text or one file a frame."""
-
-    values: np.ndarray = field(repr=False)
-    shape: tuple[int, ...]
-    label: str
-
-    def __post_init__(self) -> None:
-        self.dtype = torch.float32 if self.values.dtype.itemsize == 4 else torch.float64
-
-    def fill(self, begin: int, end: int, out: Tensor) -> None:
-        """As ``Stored.fill``."""
-        out.numpy()[:] = self.values[begin:end]
 
 
 # Clocks

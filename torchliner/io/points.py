@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 from torchliner.checks import tell
 from torchliner.file_checks import Unwritten, naming, require_memory
-from torchliner.io.plane_format import Imported, PlaneRequest, Stored, clock_of
+from torchliner.io.plane_format import PlaneRequest, Stored, clock_of
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.units import require_plausible, si_factor
@@ -89,10 +90,11 @@ class Placed:
     def plane(self, velocity: np.ndarray | Stored, rate: float, start: float, path: Path, **told: Any) -> VelocityPlane:
         """The plane of velocities along the normal, m/s: values (T, P) in the order of the probes, or what is stored.
         Its rate is in Hz, its start in s, its title from the path; what is ``told`` goes into the provenance."""
-        if isinstance(velocity, np.ndarray):
-            velocity = Imported(velocity, (*self.shape, len(velocity)), self.label)
         about = {**self.about, "name": self.label, "title": path.stem, "provenance": {**told, **self.told}}
-        return VelocityPlane(velocity, sampling_rate=rate, start=start, **about)
+        signals: Any = velocity
+        if isinstance(velocity, np.ndarray):
+            signals = torch.from_numpy(velocity).T.unflatten(0, self.shape)
+        return VelocityPlane(signals, sampling_rate=rate, start=start, **about)
 
 
 def place(points: np.ndarray, request: PlaneRequest, label: str, area: np.ndarray | None = None) -> Placed:

@@ -13,7 +13,7 @@ from torchliner.io.own_file import read_attribute
 from torchliner.io.own_writer import FLUID_UNITS
 from torchliner.io.plane_format import PlaneRequest
 from torchliner.io.points import require_direction
-from torchliner.io.variables import Field, Source, VariableVelocity, coordinate, read_times, references_of, time_axis
+from torchliner.io.variables import Field, Source, VariableVelocity, read_times, references_of, time_axis
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import variables_of
@@ -60,7 +60,7 @@ def to_plane(source: Source, request: PlaneRequest) -> VelocityPlane:
         count = velocity.shape[axes[0]] if len(order) > 1 else 1
         for each in near.values():
             if case.get(name) is None and role_of(each.name) == word and (ours or each.size == count):
-                case[name] = coordinate(each, count, request.length_units)
+                case[name] = each.si("m", request.length_units).reshape(-1)
     if ours and AREA in near:
         case["area"] = near[AREA].si("m2")
     case |= {"start": start, "name": velocity.label, "reference": references_of(fields)}

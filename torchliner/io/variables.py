@@ -196,16 +196,6 @@ def time_axis(field: Field, samples: int) -> int:
     return fits[0]
 
 
-def coordinate(field: Field, count: int, stated: str | None = None) -> np.ndarray | None:
-    """Places of ``count`` probes, m, in units of the file or ``stated``; None for the length of a dimension alone."""
-    if field.bare:
-        return None
-    values = field.si("m", stated).reshape(-1)
-    if len(values) != count or not np.isfinite(values).all():
-        raise ValueError(f"{field.label} has {len(values)} values; the probes need {count}, all finite")
-    return values
-
-
 class VariableVelocity(Stored):
     """The velocity of one variable, read by slabs by whoever ``opens`` its file again.
 
