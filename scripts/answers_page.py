@@ -24,7 +24,7 @@ from common import DATA, FIGURES, options_of, page_table, parser_of, planes_of, 
 from studies.answers_figures import draw_background, draw_parity
 from torchliner.conversions import impedance_from_reflection
 from torchliner.engine.drives import incoherent_square, phase_locked
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 from torchliner.report.table import format_complex, table_of
 from torchliner.studies.calibrate import calibrate_without_flow
 from torchliner.studies.variants import Row

@@ -22,7 +22,7 @@ import torchliner as tl
 from common import DATA, FIGURES, options_of, parser_of
 from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.dispersion import wavenumber_from_impedance
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 from torchliner.report import figure as fig
 from torchliner.report.fields import WIDTHS_OF_SEGMENTS, draw_lines
 from torchliner.report.table import format_complex

@@ -19,7 +19,7 @@ import torchliner as tl
 from common import FIGURES, options_of, parser_of
 from torchliner.conversions import spl_from_pressure_amplitude
 from torchliner.duct.case import impedance_along
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 from torchliner.report.fields import FINE, draw_pressures
 
 SIDES = {"upstream": 2.33 - 0.30j, "downstream": 2.25 - 0.30j}

@@ -21,7 +21,7 @@ from torchliner.conversions import pressure_amplitude_from_spl
 from torchliner.duct.case import DuctCase
 from torchliner.duct.flow_profiles import UniformProfile
 from torchliner.duct.mesh import DuctMesh
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 from torchliner.report.figure import MARKERS, X_MM, Y_MM, Figure, colour_of, draw_parts, finish, panels_of, styled
 
 FREQUENCY, HEIGHT, LENGTH, BEYOND = 1500.0, 0.05, 0.15, 0.15  # Hz, m

@@ -20,7 +20,7 @@ from common import DATA, FIGURES, ROOT, options_of, page_table, parser_of, plane
 from studies.limits import hole_velocity, reach, speed_that_gives
 from studies.validation import DEFAULT, median_error, validate, validation_row
 from studies.validation_figures import FASTEST, draw_reach, draw_validation_errors
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 from torchliner.names import AVERAGINGS
 from torchliner.report.table import format_complex, table_of
 from torchliner.studies.variants import Row

@@ -16,7 +16,7 @@ import torchliner as tl
 from torchliner.cli import work
 from torchliner.cli.main import BAD_INPUT, DONE, INTERRUPTED
 from torchliner.io import whole_file
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 
 TOML = 'model = "table"\nname = "mine"\nfile = "table.csv"\n'
 TABLE = "frequency, resistance, reactance\n300, 0.5, -1\n3000, 0.5, 1\n"

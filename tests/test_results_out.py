@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import scipy.io
 import torch
 from conftest import turbulence
 
@@ -232,16 +231,3 @@ def test_solvers_read_columns_below_comments(tmp_path):
     wanted = [[1000, answer[1].real, answer[1].imag], [1400, answer[0].real, answer[0].imag]]
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
     assert "exp(+j omega t)" in (tmp_path / "z.txt").read_text()
-
-
-def test_matlab_has_complex_arrays(tmp_path):
-    result = made()
-    result.write(tmp_path / "m.mat")
-    found = scipy.io.loadmat(tmp_path / "m.mat", simplify_cells=True)["result"]
-    np.testing.assert_array_equal(found["impedance"], result.impedance)
-    np.testing.assert_array_equal(found["reflection"], result.probes["admittance"].reflection)
-    low = [each.low.tolist() for each in result.liner.values()]
-    np.testing.assert_array_equal(found["liner_impedance_low"], low)
-    assert found["averaging"].tolist() == list(result.averagings)
-    assert found["x"].tolist() == PLACES["plane"][1]["x"]
-    assert f'"averaging": "{result.averaging}"' in found["choices"]

@@ -74,10 +74,9 @@ WALL_METHODS = {  # from microphones: where the function of a line stands, what 
 # Files. A new format is a file with the function and a row here.
 ARRAY_ENDINGS = (".npy", ".mat", ".h5", ".hdf5", ".nc")  # of files of which an array is named
 RESULT_WRITERS = {  # beside .h5: functions of a result and a path
-    ".csv": "torchliner.io.csv_rows:write_result_csv",
+    ".csv": "torchliner.io.result_writers:write_result_csv",
     ".vtp": "torchliner.io.result_writers:write_vtk",
     ".vtkhdf": "torchliner.io.result_writers:write_vtk",
-    ".mat": "torchliner.io.result_writers:write_matlab",
     ".txt": "torchliner.io.result_writers:write_solver_table",
 }
 PLANE_FORMATS = {  # objects of the class PlaneFormat; the first that recognises a file reads it

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 from torchliner.io.whole_file import printable
 from torchliner.records.level_check import FAILS
 from torchliner.report.answer import Answer, Picture

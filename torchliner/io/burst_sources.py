@@ -99,13 +99,14 @@ def _sources(path: Path, options: dict[str, Any], about: dict[str, Any]) -> list
         if stated := options | about:
             raise ValueError(f"{path} has places of its own for {', '.join(stated)}; state or leave them out there")
         with open_file(path) as file:
-            groups = _groups(file, path)
-            places = [
-                tuple(read_row(each, row, path) if row.field in each else None for row in PLACE) for each in groups
-            ]
-        numbers = range(len(places)) if len(places) > 1 else [None]
-        rows = zip(numbers, places, strict=True)
-        return [StationSource(path, number, place, partial(_read, path, number or 0)) for number, place in rows]
+            require_schema(file, path, BurstRecord.SCHEMA)
+            groups = {
+                str(each.name): tuple(read_row(each, row, path) if row.field in each else None for row in PLACE)
+                for each in groups_of(file, "station", path) or [file]
+            }
+        numbers = range(len(groups)) if len(groups) > 1 else [None]
+        rows = zip(numbers, groups.items(), strict=True)
+        return [StationSource(path, number, place, partial(_read, path, name)) for number, (name, place) in rows]
     lines, own, takes = read_lines(path, HEAD), dict[str, Any](), {"columns", "separator"}
     start, reader = header_line(lines, path), cast(Callable[..., BurstRecord], read_burst_columns)
     if lines[0].lstrip().startswith("DXEX"):
@@ -133,13 +134,7 @@ def read_bursts(path: str | Path, **options: Any) -> list[BurstRecord]:
     return [station.read() for station in list_stations(path, **options)]
 
 
-def _groups(file: h5py.File, path: Path) -> list[h5py.Group]:
-    """Of the stations of an open file."""
-    require_schema(file, path, BurstRecord.SCHEMA)
-    return groups_of(file, "station", path) or [file]
-
-
-def _read(path: Path, number: int) -> BurstRecord:
+def _read(path: Path, group: str) -> BurstRecord:
     with open_file(path) as file:
-        found: BurstRecord = taken(_groups(file, path)[number], path, BurstRecord)
+        found: BurstRecord = taken(file[group], path, BurstRecord)
     return found

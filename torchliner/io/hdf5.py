@@ -71,11 +71,9 @@ def text_attribute(owner: Any, key: str) -> str | None:
 
 
 def require_stored(dataset: h5py.Dataset, label: str, path: str | Path) -> None:
-    """Refuse before reading what HDF5 would fill with zeros, in the file of a ``path``: an empty or a virtual dataset,
-    raw storage outside the file, chunks or values that were never written. A DataWarning where the values stand in
+    """Refuse before reading what HDF5 would fill with zeros, in the file of a ``path``: a virtual dataset, raw storage
+    outside the file, chunks or values that were never written. A DataWarning where the values stand in
     another file, by an external link."""
-    if dataset.shape is None:
-        raise ValueError(f"{label} is empty: it has neither shape nor values")
     if dataset.external or dataset.is_virtual:
         raise ValueError(f"{label} keeps its values outside the file; copy them into one file (h5repack -l CONTI)")
     if dataset.file.driver != "core" and not os.path.samefile(dataset.file.filename, path):  # core: in memory

@@ -3,7 +3,6 @@ for each time, in it files of VTK or raw."""
 
 import math
 import re
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -33,10 +32,8 @@ def are_probes(path: Path, head: bytes) -> bool:
     """A file of probes, or the folder of their restarts."""
     if not path.is_dir():
         return head.lstrip().startswith(b"# Probe 0")
-    with suppress(OSError):
-        files = [each for folder in time_folders(path)[:1] for each in folder.iterdir() if each.is_file()]
-        return any(each.read_bytes()[:9] == b"# Probe 0" for each in files)
-    return False
+    files = [each for folder in time_folders(path)[:1] for each in folder.iterdir() if each.is_file()]
+    return any(each.read_bytes()[:9] == b"# Probe 0" for each in files)
 
 
 def open_probes(path: Path, request: PlaneRequest) -> VelocityPlane:
@@ -78,9 +75,7 @@ def surfaces_of(folder: Path) -> dict[str, Path]:
 
 def are_surfaces(path: Path, head: bytes) -> bool:
     """A folder of time folders that hold surfaces."""
-    with suppress(OSError):
-        return path.is_dir() and any(surfaces_of(each) for each in time_folders(path)[:1])
-    return False
+    return path.is_dir() and any(surfaces_of(each) for each in time_folders(path)[:1])
 
 
 def open_surfaces(path: Path, request: PlaneRequest) -> VelocityPlane:

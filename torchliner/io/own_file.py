@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import h5py
-import numpy as np
 import torch
 from pydantic import TypeAdapter, ValidationError, create_model
 
@@ -24,7 +23,6 @@ from torchliner.records.case import Case
 from torchliner.records.checked import require_shapes
 from torchliner.records.declared import WHOLE, Part, Variable, facts_of, flat, parts_of, variables_of
 from torchliner.records.wall_eduction import DrawnImpedance
-from torchliner.units import SI_QUANTITY, require_plausible
 
 KEPT = ("f4", "f8", "i1", "i2", "i4", "i8")  # types that torch has
 Kind = TypeVar("Kind")
@@ -210,18 +208,13 @@ def read_row(group: h5py.Group, row: Variable, path: str | Path) -> Any:
     label = fields[0].label
     if row.kind == "text":
         texts = fields[0].array
-        if h5py.check_string_dtype(texts.dtype) is None or texts.ndim != 1:
-            raise ValueError(f"{label} is {texts.dtype} of shape {texts.shape}; a list of texts is needed")
         require_stored(texts, label, path)
         return tuple(str(text) for text in texts.asstr(errors="replace")[()])
     if not row.dims:
         return fields[0].number(row.unit)
     parts = []
     for each in fields:
-        factor, values = each.factor(row.unit), each.values()
-        values = values if factor == 1 else values.astype(np.float64) * factor
-        if not row.wide:
-            require_plausible(values, SI_QUANTITY[row.unit], each.label)
+        values = each.si(row.unit, wide=row.wide)
         kept = values.dtype.isnative and values.dtype.kind + str(values.dtype.itemsize) in KEPT
         parts.append(torch.from_numpy(values if kept else values.astype("f8" if values.dtype.kind == "f" else "i8")))
     if any(part.shape != parts[0].shape for part in parts):

@@ -8,7 +8,7 @@ import dataclasses
 import io
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -195,19 +195,12 @@ def to_xarray(record: Any) -> Any:
 
     with in_memory() as (buffer, file):
         fill(file, record)
-    found = xarray.load_dataset(buffer, engine="h5netcdf")
-    for name, (real, imaginary) in complex_names(map(str, found)).items():
-        text = found[real].attrs.get("long_name", name)
-        text = text.replace("real part of the ", "").replace("resistance", "impedance")
-        found[name] = (found[real] + 1j * found[imaginary]).assign_attrs(found[real].attrs | {"long_name": text})
-    return found
-
-
-def complex_names(names: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """The two real variables of each complex one, by what they are together."""
-    there, found = list(names), {}
-    for real in there:
+    found: Any = xarray.load_dataset(buffer, engine="h5netcdf")
+    for real, part in list(found.items()):
         for whole, (first, second) in {"impedance": ("resistance", "reactance"), "": ("_real", "_imaginary")}.items():
-            if first in real and (other := real.replace(first, second)) in there:
-                found[real.replace(first, whole)] = real, other
+            if first in real and (other := real.replace(first, second)) in found:
+                text = part.attrs.get("long_name", real.replace(first, whole))
+                text = text.replace("real part of the ", "").replace("resistance", "impedance")
+                both = (part + 1j * found[other]).assign_attrs(part.attrs | {"long_name": text})
+                found[real.replace(first, whole)] = both
     return found

@@ -75,7 +75,7 @@ class PlaneFormat:
     """One row of the table of formats, ``names.PLANE_FORMATS``."""
 
     name: str  # for messages and ``torchliner info``
-    recognises: Callable[[Path, bytes], bool]  # from its first 4096 bytes, none of a folder: quick, never raises
+    recognises: Callable[[Path, bytes], bool]  # from its first 4096 bytes, none of a folder: quick; an error is a no
     open: Callable[[Path, PlaneRequest], Any]  # the plane of a path, or of the series that the path stands for
     takes: tuple[str, ...] = ()  # fields of ``PlaneRequest`` that mean something here; others are refused
 

@@ -3,6 +3,7 @@
 import glob
 import os
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -84,8 +85,9 @@ def format_of(path: str | Path) -> PlaneFormat:
             head = file.read(HEAD)
     formats: list[PlaneFormat] = [resolve(home) for home in PLANE_FORMATS.values()]
     for each in formats:
-        if each.recognises(path, head):
-            return each
+        with suppress(OSError, ValueError):
+            if each.recognises(path, head):
+                return each
     looks = f"begins with {head[:20]!r}" if head else "is empty"
     if path.is_dir():
         looks = f"is a folder of {', '.join(sorted(os.listdir(path))[:3]) or 'nothing'} ..."

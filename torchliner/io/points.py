@@ -20,7 +20,7 @@ from torchliner.file_checks import Unwritten, naming, require_memory
 from torchliner.io.plane_format import PlaneRequest, Stored, clock_of
 from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
-from torchliner.units import require_plausible, si_factor
+from torchliner.units import si_factor
 
 AXES = "xyz"
 SAME = 1e-5  # of the largest coordinate: points that agree to the digits of a text
@@ -107,7 +107,6 @@ def place(points: np.ndarray, request: PlaneRequest, label: str, area: np.ndarra
         raise Unwritten(f"{label} has no points")
     if not np.isfinite(points).all():
         raise ValueError(f"{label} has points whose coordinates are not finite")
-    require_plausible(points, "length", f"{label}: points")
     if request.normal is None:
         extent = " x ".join(f"{length:.4g}" for length in np.ptp(points, axis=0))
         raise ValueError(
@@ -150,12 +149,8 @@ def centres_of(points: np.ndarray, corners: np.ndarray, ends: np.ndarray, label:
     (N, 3), of all faces one after another, ``ends`` where those of each end, (F,)."""
     starts = np.append(0, ends[:-1])
     sizes = ends - starts
-    if (
-        not len(ends)
-        or (sizes < 3).any()
-        or ends[-1] != len(corners)
-        or not 0 <= corners.min() <= corners.max() < len(points)
-    ):
+    whole = len(ends) and sizes.min() > 2 and ends[-1] == len(corners)
+    if not whole or not 0 <= corners.min() <= corners.max() < len(points):
         raise ValueError(f"{label}: faces have fewer than three corners, or name points that are not there")
     corner = points[corners]
     middle = np.add.reduceat(corner, starts) / sizes[:, None]

@@ -7,7 +7,6 @@ frequency f is attenuated by sinc(f Tw), Tw the length of the mean.
 """
 
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -31,10 +30,9 @@ Arrays = Mapping[str, np.ndarray]
 
 def recognises(path: Path, head: bytes) -> bool:
     """netCDF, or HDF5, with the variables of a measurement."""
-    with suppress(OSError, ValueError):
-        if head[:8] == HDF5_SIGNATURE:
-            with open_file(path) as file:
-                return all(is_there(file, name, path) for name in NEEDED)
+    if head[:8] == HDF5_SIGNATURE:
+        with open_file(path) as file:
+            return all(is_there(file, name, path) for name in NEEDED)
     return head[:3] == b"CDF" and b"variable_short_names" in head
 
 

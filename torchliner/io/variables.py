@@ -93,11 +93,13 @@ class Field:
             raise ValueError(f"{self.label} is in {found} by its own words, not in {stated}; correct one")
         return factor
 
-    def si(self, unit: str, stated: str | None = None) -> np.ndarray:
-        """All values in an SI unit, float64 where the file has another; a ValueError where no measurement is so."""
+    def si(self, unit: str, stated: str | None = None, wide: bool = False) -> np.ndarray:
+        """All values in an SI unit, float64 where the file has another; a ValueError where no measurement is so, unless
+        they are of a wide range."""
         factor, values = self.factor(unit, stated), self.values()
         values = values if factor == 1 else values.astype(np.float64) * factor
-        require_plausible(values, SI_QUANTITY[unit], self.label)
+        if not wide:
+            require_plausible(values, SI_QUANTITY[unit], self.label)
         return values
 
     def number(self, unit: str) -> float:

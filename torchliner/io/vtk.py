@@ -3,7 +3,6 @@ times; numbered files, or their folder."""
 
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -25,12 +24,11 @@ HEADS = re.compile(rb'# vtk DataFile|[^\0]*<VTKFile|\s*{\s*"file-series-version"
 
 def recognises(path: Path, head: bytes) -> bool:
     """A VTK file, a collection of them, EnSight, or a folder that holds some."""
-    with suppress(OSError, ValueError):
-        if path.is_dir():
-            return any(each.suffix in ENDINGS for each in path.iterdir())
-        if head.startswith(HDF5_SIGNATURE):
-            with open_file(path) as file:
-                return is_there(file, "VTKHDF", path) and isinstance(file["VTKHDF"], h5py.Group)
+    if path.is_dir():
+        return any(each.suffix in ENDINGS for each in path.iterdir())
+    if head.startswith(HDF5_SIGNATURE):
+        with open_file(path) as file:
+            return is_there(file, "VTKHDF", path) and isinstance(file["VTKHDF"], h5py.Group)
     return HEADS.match(head[:1024]) is not None
 
 
@@ -115,8 +113,6 @@ def _frame(reader: Any, path: Path, group: str | None) -> Frame:
         if len(names) != 1:
             raise ValueError(f"{path} has {len(blocks)} blocks, {', '.join(map(str, blocks))}; name one (--group)")
         mesh = blocks[names[0]]
-    if not hasattr(mesh, "cell_data"):
-        raise ValueError(f"{path} holds {type(mesh).__name__}, no points with values")
     mesh = mesh.copy(deep=False)  # a reader of steps fills the same one again
     arrays = {name: (False, np.asarray(v).reshape(len(v), -1)) for name, v in mesh.point_data.items()}
     arrays |= {name: (True, np.asarray(v).reshape(len(v), -1)) for name, v in mesh.cell_data.items()}

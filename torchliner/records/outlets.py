@@ -69,7 +69,7 @@ class Written(Summarised):
     FILE: ClassVar = "torchliner.io.own_writer:write_record"
 
     def write(self, path: str | Path) -> None:
-        """Write one netCDF-4 file (.h5, .hdf5, .nc); a result also as .csv, .vtp, .vtkhdf, .mat or .txt
+        """Write one netCDF-4 file (.h5, .hdf5, .nc); a result also as .csv, .vtp, .vtkhdf or .txt
         (docs/results.md). A ValueError for another ending, and for what the format cannot hold."""
         resolve(self.FILE)(self, path)
 
@@ -105,7 +105,7 @@ class Result(Written, Reported):
         """``pandas.DataFrame`` with one row a place and frequency; headings as in CSV. ``of``: ``probes`` (default) or
         ``cells`` of a map; ``stations`` of a line; ``points``, ``cells`` or ``liners`` of ``PointImpedances`` (default:
         all); a ValueError for others."""
-        return resolve("torchliner.io.csv_rows:to_dataframe")(self, of)
+        return resolve("torchliner.io.result_writers:to_dataframe")(self, of)
 
 
 class Drawn:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from torchliner.file_checks import naming
-from torchliner.io.csv_rows import fill_csv
 from torchliner.io.hdf5 import open_file, text_attribute
 from torchliner.io.microphone_file import read_microphones
 from torchliner.io.own_file import read_line, read_map, read_points, read_wall
+from torchliner.io.result_writers import fill_csv
 from torchliner.io.whole_file import HDF5, printable, writable, written_whole
 from torchliner.names import __version__
 from torchliner.records import ImpedanceLine, ImpedanceMap, MicrophoneLine, PointImpedances, WallEduction

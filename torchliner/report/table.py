@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from torchliner.io.csv_rows import write_rows
+from torchliner.io.result_writers import write_rows
 from torchliner.records.notes import Note
 
 Row = dict[str, Any]
