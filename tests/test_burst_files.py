@@ -11,7 +11,7 @@ import torchliner as tl
 from torchliner.io.burst_sources import read_bursts
 from torchliner.io.burst_text import STATED, read_burst_columns, read_dantec
 from torchliner.io.own_writer import write_several
-from torchliner.records.burst_record import UNITS
+from torchliner.records.declared import variables_of
 
 LAYOUT = "row, arrival_time [ms], transit_time [us], streamwise [m/s], wall_normal [m/s]"
 PAIRED = ["Row#", "AT [ms]", "TT [\N{MICRO SIGN}s]", "LDA1 [m/s]", "LDA2 [m/s]"]
@@ -188,9 +188,10 @@ def write_burst_csv(record, path):
     stated = {
         name: f"{value!r} {STATED[name]}" for name in STATED if isinstance(value := getattr(record, name), float)
     } | {name: value for name in STATED if isinstance(value := getattr(record, name), str) and value}
-    columns = {name: value for name in UNITS if (value := getattr(record, name)) is not None}
+    units = {row.field: row.unit for row in variables_of(type(record)) if row.dims}
+    columns = {name: value for name in units if (value := getattr(record, name)) is not None}
     lines = [f"# {name} = {value}" for name, value in stated.items()]
-    lines.append(",".join(f"{name} [{UNITS[name]}]" for name in columns))
+    lines.append(",".join(f"{name} [{units[name]}]" for name in columns))
     lines += [",".join(map(repr, row)) for row in zip(*(each.tolist() for each in columns.values()), strict=True)]
     path.write_text("\n".join(lines))
 

@@ -125,7 +125,7 @@ def archive():
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.npy", archive(), "a.npy is an archive of arrays"),
+        ("a.npy", archive(), "a.npy is not a whole .npy file: the magic string"),
         ("a.npy", b"\x93NUMPY\x01\x00\x10\x00" + b"(" * 16, "a.npy is not a whole .npy file"),
         ("a.mat", b"MATLAB 5.0" + bytes(114) + b"\x00\x01IM" + b"\x07" * 64, "a.mat is not"),
         ("a.mat", bytes(200), "a.mat"),

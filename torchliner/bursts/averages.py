@@ -46,7 +46,7 @@ def average_line(line: ImpedanceLine, level: float | None, draws: int) -> Impeda
     )
     if level is None or int(counts.min()) < FEWEST_BLOCKS:
         return dataclasses.replace(line, average=average)
-    bias = mean - admittance_from_reflection(line.over_segments(line.reflection))[used].mean(0)
+    bias = mean - admittance_from_reflection(mean_over_segments(line.reflection, line.segments))[used].mean(0)
     power, square, runs = scatter_of(each[used] / average.stations, counts[used])
     # Of what all stations contribute to, as they are independent.
     whole, share = power.sum(0), (power**2 / (runs - 1)).sum(0)

@@ -42,7 +42,7 @@ def _whole(path: Path, kind: str, read: Callable[..., Any], **options: Any) -> A
 
 def npy_arrays(path: Path) -> dict[str, np.ndarray]:
     """The one array of a .npy file, "", read as it is used."""
-    return {"": _whole(path, ".npy", np.load, mmap_mode="c", allow_pickle=False)}
+    return {"": _whole(path, ".npy", np.lib.format.open_memmap, mode="c")}
 
 
 def _classic(path: Path) -> Any:

@@ -21,6 +21,7 @@ from torchliner.records import VelocityPlane
 from torchliner.text_columns import number_of
 from torchliner.units import si_factor
 
+TEXT: Any = {"encoding": "utf-8-sig", "errors": "replace"}
 BLANK = str.maketrans("(){}", "    ")
 NUMERIC = re.compile(r"\s*[+-]?(\.?\d|(nan|inf)\b)", re.IGNORECASE)  # how a row begins
 UNIT = re.compile(r"(length|velocity)_unit\w*\s*[=:]?\s*(\S+)", re.IGNORECASE)
@@ -56,7 +57,7 @@ class TextFile:
                 yield line.translate(BLANK)
 
         try:
-            with _open(self.path) as file, warnings.catch_warnings():
+            with self.path.open(**TEXT) as file, warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of no rows
                 found = np.loadtxt(lines(), delimiter=self.separator, skiprows=len(self.heading), ndmin=2)
         except ValueError as error:
@@ -93,10 +94,6 @@ class TextFile:
         return units, listed, labels
 
 
-def _open(path: Path) -> Any:
-    return path.open(encoding="utf-8-sig", errors="replace")
-
-
 def _separator(line: str) -> str | None:
     return next((mark for mark in ";\t," if mark in line), None)
 
@@ -105,7 +102,7 @@ def open_text(path: Path) -> TextFile:
     """A file of rows, which begin with the first line that begins like a number; a ValueError if there are none."""
     require_regular(path)
     heading: list[str] = []
-    with _open(path) as file:
+    with path.open(**TEXT) as file:
         for line in file:
             if NUMERIC.match(row := line.translate(BLANK)):
                 return TextFile(path, tuple(heading), _separator(row), len(row.split(_separator(row))))
@@ -199,9 +196,7 @@ def read_points(path: Path, request: PlaneRequest) -> np.ndarray:
     units["length"] |= {unit for _, unit in labels} - {""}
     axes, values = [name.lower() for name, _ in labels] or list(AXES), text.rows(whole=True)
     if values.shape[1] != 3 or sorted(axes) != list(AXES):
-        raise ValueError(
-            f"{path} has {values.shape[1]} columns, {', '.join(axes)}; one row a point of x, y, z is needed"
-        )
+        raise ValueError(f"{path} has {values.shape[1]} columns, {', '.join(axes)}; rows of x, y, z are needed")
     return values[:, [axes.index(axis) for axis in AXES]] * _factor("length", units, request, f"{path}: points")
 
 

@@ -22,9 +22,8 @@ from torchliner.io.own_file import get_field, read_attribute, read_row, require_
 from torchliner.io.variables import read_times, time_axis
 from torchliner.pressure.spectra import reject_flow_noise
 from torchliner.records import MicrophoneLine, PressureRecord
-from torchliner.records.declared import table_of
+from torchliner.records.declared import table_of, variables_of
 from torchliner.records.incident import Recorded
-from torchliner.records.pressure_record import SIGNALS
 from torchliner.text_columns import header_line, read_lines, read_stated, read_table
 
 TEXT_ENDINGS = (".csv", ".txt", ".tsv", ".dat")
@@ -50,7 +49,7 @@ def read_pressure(path: str | Path) -> PressureRecord:
     with open_file(path) as file:
         if "schema" in file.attrs:
             require_schema(file, path, PressureRecord.SCHEMA)
-        rows = table_of(PressureRecord, *SIGNALS)
+        rows = [row for row in variables_of(PressureRecord) if row.kind == "signal"]
         if not any(there := [is_there(file, row.names[0], path) for row in rows]):
             get_field(file, rows[0].names[0], path)  # says what is there instead
         rate, samples, start = read_times(get_field(file, "time", path))

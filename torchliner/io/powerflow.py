@@ -12,14 +12,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from torchliner.checks import tell
+from torchliner.checks import require_choice, tell
 from torchliner.io.foreign import open_source
 from torchliner.io.hdf5 import is_there, open_file
 from torchliner.io.plane_format import HDF5_SIGNATURE, PlaneFormat, PlaneRequest, uniform_rate
 from torchliner.io.plane_parts import SelectedVelocity
 from torchliner.io.points import Places, centres_of, column_of, place
 from torchliner.io.variables import VariableVelocity
-from torchliner.names import did_you_mean
 from torchliner.records import VelocityPlane
 
 DAMPED = 0.01  # attenuation of a tone by the frames' averages that is warned of
@@ -57,8 +56,7 @@ def open_measurement(path: Path, request: PlaneRequest) -> VelocityPlane:
         label = f"{path}:/{name}"
         column_of(name, 1, request, label)
         placed = place(points[chosen], request, label, None if area is None else area[chosen])
-        if name not in names:
-            raise ValueError(f"{path} has no variable {name!r}{did_you_mean(name, names)}; it holds {', '.join(names)}")
+        require_choice(f"variable of {path},", name, names)
         rate, start, window = _clock(file, step, values.shape[0], path)
         part = {1: slice(names.index(name), names.index(name) + 1)}
         stored = VariableVelocity(values, source.opens, (0, 2), placed.sign * velocity, part)
@@ -116,9 +114,7 @@ def _face(file: Arrays, request: PlaneRequest, count: int, path: Path) -> tuple[
         return "", np.arange(count)
     names, face = _texts(file["face_names"]), _row(file["face"], np.int64)
     if len(face) != count or not 0 <= face.min() <= face.max() < len(names):
-        raise ValueError(
-            f"{path}:/face is not one of {len(names)} face_names for each of {count} points; it is damaged"
-        )
+        raise ValueError(f"{path}:/face is not one of {len(names)} face_names for each of {count} points: damaged")
     used = [names[i] for i in np.unique(face)]
     name = request.group or (used[0] if len(used) == 1 else "")
     if name not in used:

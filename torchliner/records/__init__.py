@@ -11,7 +11,7 @@ from torchliner.records.level_check import Gap as Gap
 from torchliner.records.level_check import LevelCheck as LevelCheck
 from torchliner.records.microphone_line import MicrophoneLine as MicrophoneLine
 from torchliner.records.pressure_record import PressureRecord as PressureRecord
-from torchliner.records.velocity_plane import StoredVelocity as StoredVelocity
+from torchliner.records.slabs import StoredVelocity as StoredVelocity
 from torchliner.records.velocity_plane import VelocityPlane as VelocityPlane
 from torchliner.records.wall_eduction import FieldFit as FieldFit
 from torchliner.records.wall_eduction import WallEduction as WallEduction

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from torchliner.records.case import OfOneTone
 from torchliner.records.checked import check
-from torchliner.records.declared import ANY, record, table_of, var
+from torchliner.records.declared import ANY, record, var, variables_of
 from torchliner.records.outlets import Written
 
 AWAY = "away from the liner"  # the sign of velocities
@@ -88,9 +88,7 @@ class BurstRecord(Written, OfOneTone):
             return self
         if not bool(mask.any()):
             raise ValueError(f"{self.name}: all {self.bursts} bursts would be dropped: {counted}")
-        arrays = {n: v[mask] for n in UNITS if (v := getattr(self, n)) is not None}
+        there = [row.field for row in variables_of(BurstRecord) if row.dims and getattr(self, row.field) is not None]
+        arrays = {name: getattr(self, name)[mask] for name in there}
         total = {r: self.dropped.get(r, 0) + counted.get(r, 0) for r in [*self.dropped, *counted]}
         return replace(self, **arrays, dropped=total)
-
-
-UNITS = {row.field: row.unit for row in table_of(BurstRecord, "arrival_time", "transit_time", *COMPONENTS)}

@@ -127,12 +127,12 @@ class ImpedanceLine(Drawn, Result, Found):
     @property
     def impedance(self) -> Tensor:
         """Mean of Z over the segments, eq. (5.1), (N, F)."""
-        return self.over_segments(self.segment_impedance)
+        return mean_over_segments(self.segment_impedance, self.segments)
 
     @property
     def admittance(self) -> Tensor:
         """Mean of 1/Z over the segments, (N, F)."""
-        return self.over_segments(admittance_from_reflection(self.reflection))
+        return mean_over_segments(admittance_from_reflection(self.reflection), self.segments)
 
     @property
     def segment_spread(self) -> Tensor:
@@ -140,12 +140,8 @@ class ImpedanceLine(Drawn, Result, Found):
         three of these."""
         away = self.segment_impedance - self.impedance[:, None]
         unbiased = self.segments / (self.segments - 1).clamp(min=1)
-        parts = [(self.over_segments(part.square()) * unbiased[:, None]).sqrt() for part in (away.real, away.imag)]
-        return torch.complex(*parts)
-
-    def over_segments(self, values: Tensor) -> Tensor:
-        """Mean of (N, S, F) over the segments that each station has, (N, F)."""
-        return mean_over_segments(values, self.segments)
+        squares = (mean_over_segments(part.square(), self.segments) for part in (away.real, away.imag))
+        return torch.complex(*((each * unbiased[:, None]).sqrt() for each in squares))
 
     @property
     def inferred_incident_level(self) -> Tensor:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from torchliner.records.burst_record import AWAY
 from torchliner.records.case import AtProbes
-from torchliner.records.declared import record, table_of, var
+from torchliner.records.declared import record, var
 from torchliner.records.outlets import Written
 
 FACE, BACK, MICROPHONES = ("facesheet", "time"), ("backplate", "time"), ("microphone", "time")
@@ -66,7 +66,3 @@ class PressureRecord(Written, AtProbes):
         like = self.backplate is None or self.backplate.shape == self.facesheet.shape
         back = found["probes"] if like else ("cell",) if self.backplate.ndim == 2 else ()
         return {**found, "facesheet": found["probes"], "backplate": back}
-
-
-SIGNALS = {row.field: row.unit for row in table_of(PressureRecord, "facesheet", "backplate", "microphones")}
-SIGNALS |= {"microphone_velocity": "m/s"}

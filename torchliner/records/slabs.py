@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
@@ -13,7 +13,8 @@ SLAB_ROWS = 1024
 Bounds = Sequence[tuple[int, int]]
 
 
-class Reader(Protocol):
+@runtime_checkable
+class StoredVelocity(Protocol):
     """Velocity that stays in its file and is read by slabs."""
 
     shape: tuple[int, ...]  # (..., T)
@@ -21,6 +22,10 @@ class Reader(Protocol):
 
     def read(self, begin: int, end: int, out: Tensor | None = None) -> Tensor:
         """Samples begin .. end - 1 of every probe, (t, P), in ``out`` if it can be used."""
+        ...
+
+    def load(self) -> Tensor:
+        """All of it, (..., T)."""
         ...
 
 
@@ -34,7 +39,7 @@ def slab_bounds(samples: int, probes: int) -> list[tuple[int, int]]:
     return bounds_of(samples, max(1, min(SLAB_ROWS, SLAB_BYTES // (4 * max(1, probes)))))
 
 
-def read_ahead(reader: Reader, bounds: Bounds, device: torch.device, held: int = 1) -> Iterator[Tensor]:
+def read_ahead(reader: StoredVelocity, bounds: Bounds, device: torch.device, held: int = 1) -> Iterator[Tensor]:
     """Slabs of a file on ``device``, the next one being read while ``held`` of them are worked on.
 
     One thread reads, since HDF5 knows one lock, into ``held`` + 1 buffers, pinned for a GPU. A slab lives

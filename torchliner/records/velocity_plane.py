@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, replace
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -15,16 +15,7 @@ from torchliner.records.case import AtProbes
 from torchliner.records.checked import signal_tensor
 from torchliner.records.declared import record, var
 from torchliner.records.outlets import Drawn, Written
-from torchliner.records.slabs import Reader
-
-
-@runtime_checkable
-class StoredVelocity(Reader, Protocol):
-    """Velocity that stays in its file."""
-
-    def load(self) -> Tensor:
-        """All of it, (..., T)."""
-        ...
+from torchliner.records.slabs import StoredVelocity
 
 
 @record
