@@ -304,7 +304,7 @@ def test_moments_stand_for_a_plane(capsys, small, words):
     ("where", "words"),
     [
         ("educe", ["educe", SLIT]),
-        ("io.moments_file.write_row", ["reduce", SLIT, "-o", "m.h5"]),
+        ("io.moments_file.fill", ["reduce", SLIT, "-o", "m.h5"]),
         ("duct.solver.DuctSolver.solve", ["duct", "solve", "b2a", "--profile", "uniform"]),
     ],
 )
