@@ -14,7 +14,7 @@ from typing import Any
 
 import torchliner as tl
 from common import case_files, page_table, run_study
-from oracles.periodic_wall import driven_impedance
+from oracles.periodic_wall import driven_impedance, fixed_impedance
 from torchliner.names import STEP_KERNELS
 from torchliner.report.figure import COLOURS, INCIDENT, MARKERS, V_RMS, Figure, dots, draw_parts
 from torchliner.report.table import format_complex
@@ -37,7 +37,7 @@ def rows_of() -> list[Row]:
 
 
 def row_of(name: str, case: str, contraction: float) -> Row:
-    """Z of a case by every way, and what the causal kernel makes of a |v| that stands still."""
+    """Z of a case by every way."""
     plane = tl.read_plane(case_files(case)[0])
     liner = tl.load_liner(plane.liner).replace(vena_contracta=contraction)
     found = {kernel: tl.ir_tdibc(liner, plane.incident_level, TONE, kernel=kernel) for kernel in STEP_KERNELS}
@@ -47,10 +47,9 @@ def row_of(name: str, case: str, contraction: float) -> Row:
         vena_contracta=contraction,
         level=plane.incident_level,
         true=complex(plane.reference["true"]),
-        fixed_point=complex(found["causal"].fixed_point[0, 0]),
+        fixed_point=fixed_impedance(liner, float(plane.incident_level or 0), TONE),
         periodic=driven_impedance(liner, float(plane.incident_level or 0), TONE),
         **{kernel: complex(found[kernel].impedance[0, 0]) for kernel in STEP_KERNELS},
-        frozen=complex(found["causal"].frozen[0, 0]),
     )
 
 
@@ -76,7 +75,7 @@ def draw(rows: Sequence[Row], path: Path) -> Figure:
     for i, (label, liner) in enumerate(liners.items()):
         style, found = {"x": LEVELS, "color": COLOURS[i]}, [driven_impedance(liner, level, TONE) for level in LEVELS]
         drawn.append(style | {"y": found, "label": f"{label}: instantaneous"})
-        fixed = tl.ir_tdibc(liner, LEVELS, TONE).fixed_point[:, 0]
+        fixed = [fixed_impedance(liner, level, TONE) for level in LEVELS]
         drawn.append(style | {"y": fixed, "linestyle": "--", "label": f"{label}: $Z$ at {V_RMS}"})
     for marker, kind in zip(MARKERS, ("slit", "orifice"), strict=False):
         true = {row.level: row.true for row in rows if row.liner == kind}

@@ -19,6 +19,7 @@ import numpy as np
 import torchliner as tl
 from calibrate_without_flow import FITS, RULE, calibrated
 from common import planes_of, run_study
+from oracles.periodic_wall import fixed_impedance
 from torchliner.liners.sdof import EndLossSDoFLiner
 from torchliner.names import AVERAGINGS
 from torchliner.report.figure import COLOURS, MARKERS, Figure, finish, panels_of, styled
@@ -132,8 +133,8 @@ def rows_of() -> list[Row]:
     for case in STILL:
         own = {"(2.4b)": liner_of(case, PAPER), "this law": liner_of(case, CHOSEN).with_numbers(fit.numbers)}
         for name, liner in own.items():
-            curve = tl.ir_tdibc(liner, [known_planes(case)[0].incident_level], 1400.0)
-            print(f"{case}, wave alone, {name}: {complex(curve.fixed_point[0, 0]):.3f}")
+            level = float(known_planes(case)[0].incident_level or 0)
+            print(f"{case}, wave alone, {name}: {fixed_impedance(liner, level, 1400.0):.3f}")
     return rows
 
 

@@ -18,6 +18,7 @@ import torch
 from conftest import doubtful, load_script
 
 import torchliner as tl
+from oracles.periodic_wall import fixed_impedance
 from torchliner.cli.main import main, parsed
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -157,7 +158,7 @@ def test_the_measured_sample_says_what_the_page_says():
     frequency, rows = measured.frequency, []
     for name in ("polito", "polito_as_printed"):
         liner = tl.load_liner(name)
-        driven = [complex(tl.ir_tdibc(liner, [130.0], f).fixed_point[0, 0]) for f in frequency.tolist()]
+        driven = [fixed_impedance(liner, 130.0, f) for f in frequency.tolist()]
         both = liner.impedance(frequency), torch.tensor(driven, dtype=torch.complex128)
         for low in (500, 800):
             off = []

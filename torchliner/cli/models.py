@@ -145,11 +145,7 @@ def _setup(options: argparse.Namespace) -> DuctSetup:
 
 def ir_tdibc(options: argparse.Namespace) -> None:
     """Impedance over level from the incident wave alone."""
-    incident = work.incident_signal(options)
-    if incident is None and options.frequency is None:
-        raise ValueError("nothing is sent; give --frequency of a tone, or --incident")
-    wave, read = (options.frequency, None) if incident is None else (incident, options.frequency)
-    work.show(options, tl.ir_tdibc(tl.load_liner(options.liner), options.level, wave, frequency=read, **options.chosen))
+    work.show(options, tl.ir_tdibc(tl.load_liner(options.liner), options.level, options.frequency, **options.chosen))
 
 
 def export(options: argparse.Namespace) -> None:

@@ -201,10 +201,12 @@ GROUPS = {
             Option("--count", "modes in each direction; default 4", COUNT, default=4),
         ),
         "ir-tdibc": row(
-            "incident rows figure",
+            "rows figure",
             Option("liner", "preset, .toml, .csv or .py file", NAME),
             Option("--level", "of the whole incident wave, dB re 20 uPa rms", NUMBER, "+", required=True),
-            frequency("none; with --incident its tones, or eight in its band"),
+            Option(
+                "--frequency", "of tones, all at once, in Hz, values or LOW:HIGH:STEP", FREQUENCIES, "+", required=True
+            ),
             Of(IR, "kernel sampling_rate duration after", kinds={"kernel": names.STEP_KERNELS}),
         ),
         "export": row(

@@ -6,10 +6,10 @@ third of the resistance. The velocity is recorded, so nothing forbids taps befor
 filter, fitted by least squares to R on a band.
 """
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,12 +18,12 @@ from torchliner.checks import make_plain, require_choice, require_positive
 from torchliner.engine.sums import is_differentiated, one_thread
 from torchliner.liners.model import Liner, LinerModel, reflection_of
 from torchliner.names import INTERPOLATIONS, KERNELS, SPACINGS
-from torchliner.records.incident import Incident
 
 BAND = (300.0, 3500.0)  # Hz, that of the paper's rig
 BEFORE, AFTER = 2e-3, 10e-3  # s of taps before and after zero
 REGULARISATION = 1e-7
 HIGHEST = 0.49  # of the sampling rate: the end of the band
+TESTED = 8  # frequencies to one over the length of a kernel
 MOST_LEVELS = 10_000  # with 600 taps such a table takes 50 MB
 STENCILS = {"linear": (0, 1), "cubic": (-1, 0, 1, 2)}  # levels, counted from the one below |v|
 ROUNDING = 1e-6  # relative: a largest |v| that was found in float32
@@ -72,19 +72,15 @@ class VelocityGrid:
         place = share * (self.levels - 1)
         nodes = STENCILS[self.interpolation]
         base = place.detach().floor().clamp(-nodes[0], self.levels - 1 - nodes[-1]).nan_to_num(-nodes[0])
-        t = place - base
-        weights = [1 - t, t]
-        if self.interpolation == "cubic":  # Lagrange polynomials of four levels at -1, 0, 1, 2
-            inner, outer = t * (t - 1), (t + 1) * (t - 2)
-            weights = [inner * (t - 2) / -6, outer * (t - 1) / 2, outer * t / -2, inner * (t + 1) / 6]
+        away = {node: place - base - node for node in nodes}
+        weights: list[Any] = [math.prod(away[j] / (i - j) for j in nodes if j != i) for i in nodes]  # of Lagrange
         return base.to(torch.int64) + nodes[0], weights
 
 
 def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tensor:
     """Rows of a table (V, K), real or complex, gathered from ``index`` on, (...), and combined by weights: (..., K)."""
     if table.is_complex() or is_differentiated(table, *weights):
-        rows = [table[index + i] * weight[..., None].to(table.dtype) for i, weight in enumerate(weights)]
-        return torch.stack(rows).sum(0)
+        return torch.stack([table[index + i] * weight[..., None] for i, weight in enumerate(weights)]).sum(0)
     stencils = index.reshape(-1, 1) + torch.arange(len(weights), device=index.device)
     shares = torch.stack([weight.flatten() for weight in weights], dim=1)
     # The same sum without a temporary; it has no forward derivative.
@@ -142,31 +138,25 @@ def build_kernels(
         cubics in the root of the speed.
     """
     grid = VelocityGrid(velocity_max, levels, spacing, interpolation)
-    taps, first = kernel_taps(liner, grid.speeds, sampling_rate, kind, band, before, after, regularisation)
+    speeds = grid.speeds
+    taps, first = kernel_taps(liner, speeds, sampling_rate, kind, band, before, after, regularisation)
     inside = band[0], min(band[1], HIGHEST * sampling_rate)
     with torch.no_grad():
-        size = 1 << (8 * taps.shape[1] - 1).bit_length()
-        spectrum, edges = torch.fft.rfft(taps, n=size), torch.tensor(inside, dtype=torch.float64)
-        lines = torch.fft.rfftfreq(size, 1 / sampling_rate, dtype=torch.float64)  # between those of the fit, too
-        held = (lines >= inside[0]) & (lines <= inside[1])
-        shift = torch.exp(-2j * torch.pi * lines[held] / sampling_rate * first)
-        found = torch.cat([spectrum[:, held] * shift, tap_response(taps, first, edges, sampling_rate)], dim=1)
-        away = found - reflection_of(liner, torch.cat([lines[held], edges]), grid.speeds[:, None])
-        some = torch.linspace(*inside, 16, dtype=torch.float64)
-        middle = (grid.speeds[1:] + grid.speeds[:-1]) / 2
-        between = interpolate(reflection_of(liner, some, grid.speeds[:, None]), *grid.locate(middle))
-        level_error = float((between - reflection_of(liner, some, middle[:, None])).abs().max())
-    error, gain = float(away.abs().max()), float(spectrum.abs().max())
+        points = max(TESTED, round(TESTED * (inside[1] - inside[0]) * taps.shape[1] / sampling_rate))
+        tested, middle = torch.linspace(*inside, points, dtype=torch.float64), (speeds[1:] + speeds[:-1]) / 2
+        wanted = reflection_of(liner, tested, speeds[:, None])
+        between = interpolate(wanted, *grid.locate(middle)) - reflection_of(liner, tested, middle[:, None])
+        error, level_error = (
+            float(away.abs().max()) for away in (tap_response(taps, first, tested, sampling_rate) - wanted, between)
+        )
+        gain = float(torch.fft.rfft(taps, n=TESTED * taps.shape[1]).abs().max())
     return KernelTable(taps, first, sampling_rate, grid, inside, kind, error, level_error, gain)
 
 
-def kernel_band(
-    frequency: Tensor, liner: LinerModel, sampling_rate: float, wave: Incident | None = None
-) -> tuple[float, float]:
-    """Where kernels are to be the liner, Hz: the rig's band, that of the wave and the frequencies asked for, Hz, (F,);
-    ValueError where the liner or the sampling rate (Hz) does not reach that far."""
-    band = () if wave is None or wave.band is None else wave.band
-    least, most = min(frequency.min().item(), *band, math.inf), max(frequency.max().item(), *band, 0.0)
+def kernel_band(needed: Sequence[float], liner: LinerModel, sampling_rate: float) -> tuple[float, float]:
+    """Where kernels are to be the liner, Hz: the rig's band and the frequencies ``needed``, Hz; ValueError where the
+    liner or the sampling rate (Hz) does not reach that far."""
+    least, most = min(needed), max(needed)
     known = liner.frequency_range or (0.0, math.inf)
     low, high = max(min(BAND[0], least), known[0]), min(max(BAND[1], most), known[1], HIGHEST * sampling_rate)
     if least < low or most > high:
@@ -204,32 +194,19 @@ def kernel_taps(
         spectrum = torch.cat([at_zero, reflection_of(liner, frequency, speeds[:, None])], dim=1)
         return torch.fft.irfft(spectrum, n=size)[:, : last + 1].contiguous(), 0
     first = -round(before * sampling_rate)
-    frequency, rows, factors, pivots = _normal_equations((first, last, sampling_rate), (low, high), regularisation)
-    wanted = reflection_of(liner, frequency, speeds[:, None])
-    target = torch.cat([wanted.real, wanted.imag], dim=1)
-    return torch.linalg.lu_solve(factors, pivots, target.T).T @ rows, first
+    times = torch.arange(first, last + 1, dtype=torch.float64) / sampling_rate
+    # Six frequencies for each pair of the 2 (high - low) T unknowns in a duration T, closer at the ends of the band.
+    points = max(32, round(6 * (high - low) * float(times[-1] - times[0])))
+    theta = torch.linspace(0, torch.pi, points, dtype=torch.float64)
+    frequency = (low + high) / 2 - (high - low) / 2 * theta.cos()
+    turns, wanted = torch.outer(2 * torch.pi * frequency, times), reflection_of(liner, frequency, speeds[:, None])
+    rows, target = torch.cat([turns.cos(), -turns.sin()]), torch.cat([wanted.real, wanted.imag], dim=1)
+    normal = rows @ rows.T  # the dual form: 2F unknowns, fewer than taps
+    damping = regularisation**2 * torch.linalg.eigvalsh(normal)[-1]
+    return torch.linalg.solve(normal + damping * torch.eye(len(normal)), target.T).T @ rows, first
 
 
 def tap_response(taps: Tensor, first: int, frequency: Tensor, sampling_rate: float) -> Tensor:
     """H(f; |v|) of taps from ``first`` on, complex128, (V, F)."""
     lags = torch.arange(taps.shape[1], dtype=torch.float64) + first
     return taps.to(torch.complex128) @ torch.exp(-1j * torch.outer(lags, 2 * torch.pi * frequency / sampling_rate))
-
-
-@functools.lru_cache(maxsize=4)  # a study builds hundreds of tables at one rate
-def _normal_equations(
-    lags: tuple[int, int, float], band: tuple[float, float], regularisation: float
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Of any liner: frequencies (F,), rows (2F, K), LU factors and pivots of the damped normal equations."""
-    first, last, rate = lags
-    times = torch.arange(first, last + 1, dtype=torch.float64) / rate
-    # Six frequencies for each pair of the 2 (high - low) T unknowns in a duration T, closer at the ends of the band.
-    points = max(32, round(6 * (band[1] - band[0]) * float(times[-1] - times[0])))
-    theta = torch.linspace(0, torch.pi, points, dtype=torch.float64)
-    frequency = (band[0] + band[1]) / 2 - (band[1] - band[0]) / 2 * theta.cos()
-    turns = torch.outer(2 * torch.pi * frequency, times)
-    rows = torch.cat([turns.cos(), -turns.sin()])
-    normal = rows @ rows.T  # the dual form: 2F unknowns, fewer than taps
-    scale = torch.linalg.eigvalsh(normal)[-1]
-    damped = normal + regularisation**2 * scale * torch.eye(2 * points, dtype=torch.float64)
-    return frequency, rows, *torch.linalg.lu_factor(damped)

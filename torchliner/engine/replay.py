@@ -11,7 +11,6 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,6 +20,7 @@ from torchliner.checks import require_choice
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.kernels import KernelTable, interpolate
 from torchliner.engine.sums import Columns, Held, Job, Record, linear, reduce
+from torchliner.names import WINDOWS
 from torchliner.records.incident import EDGES, Incident
 
 BATCH = 64  # emissions
@@ -104,15 +104,7 @@ def waves_of(sent: Tensor) -> Tensor:
     return torch.cat([sent.real, sent.imag]) if sent.is_complex() else sent[None]
 
 
-class Transfer(NamedTuple):
-    """Windowed sums over S segments, and R from them."""
-
-    reflection: Tensor  # R, complex128, (N, F)
-    reflected: Tensor  # Y, of y e^{-j omega t}, (S, N, F)
-    incident: Tensor  # X, (S, F)
-
-
-def transfer(
+def cross_spectra(
     reflected: Replay | Held,
     incident: Incident,
     frequency: Tensor,
@@ -120,41 +112,43 @@ def transfer(
     *,
     segment: int | None = None,
     window: str | None = None,
-) -> Transfer:
-    """R(f) = sum Y X* / sum |X|^2, H1, in one reading of y, over segments of so many samples that overlap by half, None
-    for the whole record as one; ``window``: ``hann`` (periodic) or ``boxcar``, default that of the wave."""
-    window = require_choice("window", incident.window if window is None else window, ("hann", "boxcar"))
-    samples, device, parts = reflected.samples, reflected.device, 1 if segment is None else 2
+) -> tuple[Tensor, Tensor]:
+    """Y X*, complex128, (S, N, F), and |X|^2, (S, 1, F), of S segments of so many samples that overlap by half, None
+    for the whole record as one, in one reading of y: R(f) is the sum of the first over that of the second, H1.
+    ``window``: ``hann`` (periodic) or ``boxcar``, default that of the wave."""
+    hann = require_choice("window", incident.window if window is None else window, WINDOWS) == "hann"
+    samples, parts = reflected.samples, 1 if segment is None else 2
     length = samples if segment is None else segment
+    step = length // parts
     if length % parts or not 2 <= length <= samples:
         raise ValueError(f"segment is {length} samples; it must be even, and 2 to {samples}, the record")
-    blocks = Blocks(tuple(range(0, samples + 1, length // parts)), sampling_rate, samples * parts // length)
+    blocks = Blocks((*range(0, samples, step), samples), sampling_rate, samples // step)  # with what is behind the last
     # A Hann window mixes a line with its neighbours, whose signs turn with the start of the segment.
-    lines = [frequency + q * sampling_rate / length for q in ((0, -1, 1) if window == "hann" else (0,))]
+    lines = torch.cat([frequency + q * sampling_rate / length for q in ((0, -1, 1) if hann else (0,))])
     sent = incident.sampled(samples, sampling_rate)
 
     def spectra(signal: Replay | Held) -> Tensor:
         """Of all segments, (S, N, F)."""
         sized = dataclasses.replace(signal, columns=max(signal.columns, ROWS * len(frequency)))
-        (sums,) = reduce(sized, blocks, [Job(lambda y, _: y, linear, torch.cat(lines).to(signal.device))])
-        cosine, sine = sums[:, 1:, 0].unflatten(1, (2, len(lines), len(frequency))).unbind(1)
-        each = torch.complex(cosine, -sine)
-        whole = (each if parts == 1 else each[:-1] + each[1:]).transpose(2, 3)
-        if window == "hann":
-            sign = (-1.0) ** torch.arange(len(whole), dtype=torch.float64, device=signal.device)[:, None, None]
-            whole[:, 0] = whole[:, 0] / 2 - sign * (whole[:, 1] + whole[:, 2]) / 4
-        if not sent.is_complex():
-            return whole[:, 0]
-        real, imaginary = whole[:, 0].unflatten(1, (2, len(sent), -1)).diagonal(dim1=2, dim2=4).unbind(1)
-        return real + 1j * imaginary
+        (sums,) = reduce(sized, blocks, [Job(lambda y, _: y, linear, lines.to(signal.device))])
+        cosine_and_sine = sums[: samples // step, 1:, 0].unflatten(1, (2, -1, len(frequency))).unbind(1)
+        each = torch.complex(*cosine_and_sine).conj().transpose(2, 3)
+        each = each if parts == 1 else each[:-1] + each[1:]
+        found = each[:, 0]
+        if hann:
+            sign = (-1.0) ** torch.arange(len(each), dtype=torch.float64, device=signal.device)[:, None, None]
+            found = found / 2 - sign * (each[:, 1] + each[:, 2]) / 4
+        if sent.is_complex():
+            real, imaginary = found.unflatten(1, (2, len(sent), -1)).diagonal(dim1=2, dim2=4).unbind(1)
+            found = real + 1j * imaginary
+        return found
 
     waves = waves_of(sent).T
-    x = spectra(Held(lambda low, high: waves[low:high], samples, waves.shape[1], sent.device))[:, 0]
-    power, angle = x.abs().square().sum(0), 2 * torch.pi / length * torch.arange(length, dtype=torch.float64)
-    weights = 0.5 - 0.5 * torch.cos(angle) if window == "hann" else torch.ones_like(angle)
-    strongest = torch.fft.fft(sent.unfold(-1, length, length // parts) * weights).abs().square().sum(-2).amax(-1)
-    for f, weak in zip(frequency.tolist(), (power < LOWEST * strongest).tolist(), strict=True):
+    x = spectra(Held(lambda low, high: waves[low:high], samples, waves.shape[1], sent.device))
+    power, weights = x.abs().square(), torch.hann_window(length, dtype=torch.float64) if hann else 1.0
+    strongest = torch.fft.fft(sent.unfold(-1, length, step) * weights).abs().square().sum(-2).amax(-1)
+    for f, weak in zip(frequency.tolist(), (power.sum((0, 1)) < LOWEST * strongest).tolist(), strict=True):
         if weak:
             raise ValueError(f"{incident.label}: no energy at {f:g} Hz, 60 dB below the strongest line; ask elsewhere")
-    y, x = spectra(reflected), x.to(device)
-    return Transfer((y * x.conj()[:, None]).sum(0) / power.to(device), y, x)
+    device = reflected.device
+    return spectra(reflected) * x.conj().to(device), power.to(device)

@@ -138,9 +138,7 @@ def of_curve(curve: LevelCurve) -> Answer:
         level=curve.level[:, None],
         frequency=curve.frequency,
         impedance=curve.impedance,
-        frozen=curve.frozen,
         **{name: getattr(curve, name)[:, None] for name in ("rms_speed", "peak_speed", "drift")},
-        fixed_point=curve.fixed_point,
     )
     low, high = chosen["kernel_band"]
     kernel = f"kernel {chosen['kernel']}, error in R {chosen['kernel_error']:.1e} on {low:g}-{high:g} Hz"
@@ -148,8 +146,7 @@ def of_curve(curve: LevelCurve) -> Answer:
     return Answer(
         title=f"{chosen['liner']}: {chosen['incident']}",
         lines=[f"A record of {1e3 * chosen['duration']:.4g} ms at {chosen['sampling_rate']:g} Hz, {kernel}."],
-        table=table_of(rows, "level,frequency,impedance,rms_speed,fixed_point,peak_speed,frozen,drift"),
-        remarks=["Z over ρc; fixed point: Z(rms v); frozen: what the kernel changes with |v| frozen at its rms."],
+        table=table_of(rows, "level,frequency,impedance,rms_speed,peak_speed,drift"),
         pictures=[Picture("levels", words, partial(studies.draw_levels, curve), lambda: rows)],
         results=[curve],
     )

@@ -97,13 +97,11 @@ def draw_over_height(
 
 
 def draw_levels(curve: Any, path: str | Path | None = None) -> look.Figure:
-    """Resistance and reactance over level; dashed: the fixed point of the frequency domain."""
+    """Resistance and reactance over level."""
     order, drawn = curve.level.argsort().tolist(), []
     for j, frequency in enumerate(curve.frequency.tolist()):
         style = look.colour_of(j, f"{frequency:g} Hz", linestyle="-", marker=look.MARKERS[j])
         drawn += [{"x": curve.level[order], "y": curve.impedance[order, j]} | style]
-        style = look.colour_of(j, linestyle="--") | {"label": "$Z$ of the rms $v$"}
-        drawn += [{"x": curve.level[order], "y": curve.fixed_point[order, j]} | style]
     return look.draw_parts(drawn, look.INCIDENT, path, "{liner}, {kernel}".format(**curve.choices), legend=6)
 
 

@@ -145,7 +145,7 @@ def _kernels(base: Variant, frequency: Tensor) -> Iterator[Variant]:
     known, rate = base.moments, base.moments.plane.sampling_rate
     if known.nodes is None:
         raise ValueError("|v| is constant, and its kernel is the liner's response there")
-    band = kernel_band(frequency[:1], base.liner, rate)
+    band = kernel_band(frequency[:1].tolist(), base.liner, rate)
     for kind, words in KERNELS.items():
         found = tap_response(*kernel_taps(base.liner, known.nodes.speeds, rate, kind, band), frequency, rate).T
         yield _vary(base, "kernel", kind + words, moments=_of_one_liner(known, found))

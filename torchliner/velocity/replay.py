@@ -1,6 +1,5 @@
 """DIR-TDIBC as printed: the signal that each probe reflects is formed, and R(f) is its spectrum over the wave's."""
 
-import dataclasses
 import math
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -11,10 +10,9 @@ import torch
 from torch import Tensor
 
 from torchliner.checks import frequency_tensor, require_choice, require_positive, tell
-from torchliner.engine.blocks import SLAB
 from torchliner.engine.intervals import FEWEST_BLOCKS, FEWEST_RUNS, replicates
 from torchliner.engine.kernels import KernelTable, build_kernels, kernel_band
-from torchliner.engine.replay import Replay, transfer
+from torchliner.engine.replay import Replay, cross_spectra
 from torchliner.engine.sums import PlaneRecord
 from torchliner.io.plane_writer import reflected_file
 from torchliner.liners.model import Liner, LinerModel, as_liner
@@ -29,7 +27,6 @@ from torchliner.velocity.reading import Progress, reading_of, take_moments
 from torchliner.velocity.review import review_case
 
 AVERAGED = ("admittance", "velocity")
-MOST_TONES = 3  # frequencies at which v is measured, too; of more that of the data
 MOST_LINES = 200  # frequencies, unless more are asked for
 SMALLEST = 1e-3  # m/s
 LARGEST_ERROR = 1e-3  # in R, of kernels and of the interpolation between levels
@@ -110,17 +107,16 @@ def replay(
             raise ValueError(f"segment is {segment:g} s, and the record has {plane.duration:.4g} s; shorten it")
     window = window or (wave.window if segment is None else "hann")
     sent, asked = wave.sampled(samples, rate), _lines_of(wave, frequency, plane, length)
-    band = kernel_band(asked, model, rate, wave)
+    band = kernel_band([*asked.tolist(), *(wave.band or ())], model, rate)
     if reflected is not None and sent.is_complex():
         raise ValueError("reflected: complex tones have no one signal; take incident=tl.Tones(...)")
     options: dict[str, Any] = {"averaging": averaging, "mean": mean, "interval": interval, "missing": missing}
     chosen = Choices(**options, device=device, dtype=dtype, allow_short=True)
 
-    tones = asked if len(asked) <= MOST_TONES else asked.new_tensor([plane.frequency or float(asked[0])])
-    reading = reading_of(plane, [model], tones, chosen, summed=False)
+    reading = reading_of(plane, [model], asked, chosen, summed=False)
     with torch.no_grad():
         known = take_moments(reading)
-    reading, members, still = reading.without(~known.used), known.membership, known.survey.mean * (mean == "removed")
+    members, still = known.membership, known.survey.mean * (mean == "removed")
 
     def drive(v: Tensor, begin: int) -> Tensor:
         """Probes, then the mean velocity of each cell, (t, P + C)."""
@@ -128,11 +124,9 @@ def replay(
         return torch.cat([v, members.mean(v)], 1)
 
     # What follows the last whole period is replayed, too.
-    first = min(known.survey.blocks.borders[-1], samples - 1)
-    record = PlaneRecord(plane, reading.dtype, reading.device, reading.used, progress)
-    (rest,) = dataclasses.replace(record, progress=None).slabs([(first, samples)])
-    peak = torch.maximum(known.survey.peak, rest.detach().abs().amax(0).double()) + still.abs()
-    limit = _velocity_limit(velocity_max, torch.where(members.used, peak, 0).cpu(), plane, model)
+    rest = plane.read(min(known.survey.blocks.borders[-1], samples - 1), samples).detach().abs().amax(0)
+    peak = torch.maximum(known.survey.peak.cpu(), rest.cpu().double()) + still.abs().cpu()
+    limit = _velocity_limit(velocity_max, torch.where(known.used, peak, 0), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
     kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
     facts = {
@@ -152,27 +146,23 @@ def replay(
         "level_check": "not checked by replay",
     }
     with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
+        record = PlaneRecord(plane, reading.dtype, reading.device, known.used, progress)
         signal = Replay(record, kernels, wave, drive, store=store)
-        found = transfer(signal, wave, asked, rate, segment=None if segment is None else length, window=window)
-        behind = samples - samples % (length if segment is None else length // 2)  # the last segment
-        if store and behind < samples:
-            for _ in signal.slabs([(low, min(low + SLAB, samples)) for low in range(behind, samples, SLAB)]):
-                pass
-    count = facts["blocks"] = len(found.incident)
+        cut = None if segment is None else length
+        cross, power = cross_spectra(signal, wave, asked, rate, segment=cut, window=window)
+    count = facts["blocks"] = len(power)
     # R from all segments and, if there are intervals, without each of them, (B, N, F).
-    x, replicated = found.incident[:, None], found.reflection[None]
-    if interval is not None and count >= FEWEST_BLOCKS:
-        cross, power = found.reflected * x.conj(), x.abs().square()
-        left = replicates(power)[1:].clamp(min=1e-12 * power.sum(0))
-        replicated = torch.cat([replicated, replicates(cross)[1:] / left])
-    held = torch.ones(plane.probes, len(asked), dtype=torch.bool, device=reading.device)
-    lengths, averages = torch.ones(count, device=reading.device).double(), {}
+    bars = interval is not None and count >= FEWEST_BLOCKS
+    left, averages = replicates(power, every=bars), {}
+    replicated = replicates(cross, every=bars) / left.clamp(min=1e-12 * left[0])
+    lengths = torch.ones(count, dtype=torch.float64, device=reading.device)
     for name, each in zip(AVERAGED, replicated.split([plane.probes, known.cells.count], 1), strict=True):
+        held = torch.ones(each.shape[1:], dtype=torch.bool, device=reading.device)
 
-        def some(columns: slice, own: Tensor = each) -> Tensor:
-            return own[:, columns]
+        def own_columns(part: slice, each: Tensor = each) -> Tensor:
+            return each[:, part]
 
-        averages[name] = fold(known, name, lengths, some, held[: each.shape[1]], interval)
+        averages[name] = fold(known, name, lengths, own_columns, held, interval)
     chief = averages[averaging].liner
     notes = [*review_case(plane, model, asked), *known.notes, *_review_replay(kernels, wave, sent, chief)]
     runs = 0.0 if chief.interval is None else float(chief.interval.runs.min())
