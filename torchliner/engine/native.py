@@ -101,7 +101,7 @@ def _built() -> Path:
     library = folder / f"native-{key}.so"
     checksum = library.with_suffix(".sha256")  # a library that is not the one that was built would end the process
     with contextlib.suppress(OSError):
-        if checksum.read_text() == hashlib.sha256(library.read_bytes()).hexdigest():
+        if checksum.read_bytes() == hashlib.sha256(library.read_bytes()).hexdigest().encode():
             return library
     # Several processes may build at once: each into files of its own, the last one stays.
     part = library.with_suffix(f".{os.getpid()}")
