@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import torch
-from conftest import FREQUENCY, RATE, doubtful, frozen_plane, plane_of, relative_error, turbulence
+from conftest import FREQUENCY, RATE, codes, doubtful, frozen_plane, plane_of, relative_error, turbulence
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -284,6 +284,16 @@ def test_coherence_does_not_know_other_frequencies(liner, shape):
         beside = tl.educe(plane_of(v), liner, [200.0, FREQUENCY, 1410.0, 5000.0], **choices)
     assert float((alone.coherence[:, 0] - beside.coherence[:, 1]).abs().max()) < 1e-12
     assert torch.equal(alone.phase_rule[:, 0], beside.phase_rule[:, 1])
+
+
+def test_one_cell_as_long_as_a_wave_is_said(liner):
+    """Its phase-locked velocity would be averaged over a wave that turns along it."""
+    plane = plane_of(
+        turbulence((4, 480)) + torch.cos(2 * torch.pi * FREQUENCY / RATE * torch.arange(480)), x=[0, 0.03, 0.06, 0.09]
+    )
+    with pytest.warns(tl.DataWarning, match=r"0\.37 wavelengths long; state cell_pitch"):
+        found = tl.educe(plane, liner.replace(cell_pitch=None))
+    assert "no-cell-pitch" in codes(found)
 
 
 @doubtful

@@ -1,5 +1,6 @@
 """Laws of the engine: blocks, nodes, the one loop, drives, phase rules, and moments that educe as their plane does."""
 
+import dataclasses
 import functools
 import math
 
@@ -18,6 +19,7 @@ from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, choose_nodes, 
 from torchliner.engine.sums import Held, Job, largest, linear, reduce, square
 from torchliner.engine.survey import survey_sums
 from torchliner.liners.catalogue import preset_names
+from torchliner.liners.model import LinerModel
 from torchliner.velocity.averages import self_consistent
 
 CPU = torch.device("cpu")
@@ -212,6 +214,28 @@ def test_moments_of_any_liner_know_most(diameter, porosity, thickness, depth):
     error = functools.partial(interpolation_error, ANY_LINER, frequency=ASKED, top=10.0)
     assert error(mine)[0] < (1e-5 if porosity >= 0.05 else 3e-4)
     assert max(error(tl.load_liner(name))[0] for name in preset_names()) < 7e-7
+
+
+@dataclasses.dataclass(frozen=True)
+class Steep(LinerModel):
+    """R rises by 2 about 2 m/s, over a width in m/s."""
+
+    width: float
+
+    def impedance(self, frequency, speed=0.0):
+        return (
+            0.5 - 0.3j + 2 * torch.sigmoid((torch.as_tensor(speed) - 2) / self.width) + 0 * torch.as_tensor(frequency)
+        )
+
+
+@doubtful
+def test_a_response_too_steep_for_moments_of_any_liner_is_refused_and_a_steep_one_noted():
+    known = tl.moments(plane_of(velocity()), averaging="admittance")
+    with pytest.raises(ValueError, match=r"model-table error in R of Steep is .* at \|v\| = .* m/s, .*with this liner"):
+        known.educe(Steep(0.02), averaging="admittance")
+    found = known.educe(Steep(0.2), averaging="admittance")
+    (note,) = (each for each in found.notes if each.code == "model-table")
+    assert note.size == pytest.approx(known.error(Steep(0.2)) * abs(complex(found.answer[0]) + 1) ** 2 / 2)
 
 
 def test_a_liner_that_the_moments_do_not_know_is_refused(liner):

@@ -367,6 +367,7 @@ QUIRKS = [
     ("vtp", lambda p: p.with_stem("plane_05").write_text("<VTKFile>"), {}, "VTK cannot read all|nothing that VTK"),
     ("vtp", None, {"normal": None, "length_units": None}, "no unit of length.*--length-units m"),
     ("vtp", lambda p: make.save(fewer(), p.with_name("one_0.vtp")), {"file": ".."}, "series one_, plane_; n"),
+    ("vtp", None, {"variable": "UU"}, "has no variable 'UU'.* it holds .*U.*name the velocity"),
     ("pvd", lambda p: (p.parent / "p3.vtp").unlink(), {}, "p3.vtp' is invalid or does not exist"),
     ("pvd", replaced("2e-05", "1e-05"), {}, "all.pvd has 2 blocks"),
     ("vtkhdf", hdf5(lambda g: g["Steps/PointDataOffsets/U"].__setitem__(8, 100)), {}, "VTK cannot read all of"),

@@ -139,7 +139,7 @@ def test_what_is_doubtful_is_noted(liner):
     assert not codes(tl.replay(plane, liner, "noise:300:3000", FREQUENCY))
 
 
-@pytest.mark.parametrize("segment", [None, 0.004])
+@pytest.mark.parametrize("segment", [None, 0.004, 0.0048])  # the last does not end with the record
 def test_the_reflected_signal_is_written(liner, tmp_path, segment):
     """All of it, (time, probe): its own spectrum over that of the wave is the map. The map can be kept, too."""
     xarray = pytest.importorskip("xarray")

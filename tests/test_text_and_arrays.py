@@ -162,6 +162,14 @@ def test_what_an_array_cannot_carry_is_refused(make, error, message):
         make()
 
 
+def test_coordinates_may_stand_in_a_file_of_their_own(tmp_path):
+    np.save(tmp_path / "v.npy", V[:, 0])
+    np.save(tmp_path / "x.npy", [0.0, 2.0, 4.0])
+    stated = {"axes": "time,x", "sampling_rate": 5e4, "velocity_units": "m/s", "length_units": "mm"}
+    found = tl.read_plane(tmp_path / "v.npy", x=tmp_path / "x.npy", **stated)
+    assert found.x.tolist() == pytest.approx([0.0, 2e-3, 4e-3])
+
+
 def test_masked_velocities_are_missing():
     masked = np.ma.masked_greater(V[:, 0].T, 1.0)
     wanted = torch.from_numpy(np.where(V[:, 0].T > 1.0, np.nan, V[:, 0].T))
