@@ -146,9 +146,8 @@ def build_kernels(
         tested, middle = torch.linspace(*inside, points, dtype=torch.float64), (speeds[1:] + speeds[:-1]) / 2
         wanted = reflection_of(liner, tested, speeds[:, None])
         between = interpolate(wanted, *grid.locate(middle)) - reflection_of(liner, tested, middle[:, None])
-        error, level_error = (
-            float(away.abs().max()) for away in (tap_response(taps, first, tested, sampling_rate) - wanted, between)
-        )
+        away = tap_response(taps, first, tested, sampling_rate) - wanted
+        error, level_error = (float(each.abs().max()) for each in (away, between))
         gain = float(torch.fft.rfft(taps, n=TESTED * taps.shape[1]).abs().max())
     return KernelTable(taps, first, sampling_rate, grid, inside, kind, error, level_error, gain)
 

@@ -142,6 +142,12 @@ def ir_tdibc(
             raise ValueError(f"at {value:g} dB |v| exceeds {most:g} m/s, where kernels end; lower the level")
     reflected, before, later = every[:, n:], every[:, n - n // 2 : n], every[:, 2 * n - n // 2 :]
     velocity = sent - reflected
+    about: dict[str, Any] = {
+        "liner": str(model.describe().get("name") or model.model),
+        "incident": wave.label,
+        "kernel": kernel,
+    }
+    about |= {"sampling_rate": rate, "duration": n / rate}
     curve = LevelCurve(
         level=levels,
         frequency=read,
@@ -149,16 +155,7 @@ def ir_tdibc(
         rms_speed=velocity.square().mean(1).sqrt(),
         peak_speed=velocity.abs().amax(1),
         drift=((later - before).square().mean(1) / later.square().mean(1)).sqrt(),
-        choices={
-            "liner": str(model.describe().get("name") or model.model),
-            "incident": wave.label,
-            "kernel": kernel,
-            "kernel_error": kernels.error,
-            "kernel_gain": kernels.gain,
-            "kernel_band": list(kernels.band),
-            "sampling_rate": rate,
-            "duration": n / rate,
-        },
+        choices=about | {"kernel_error": kernels.error, "kernel_gain": kernels.gain, "kernel_band": list(kernels.band)},
     )
     tell(curve.warnings())
     return curve

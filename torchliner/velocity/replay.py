@@ -129,22 +129,11 @@ def replay(
     limit = _velocity_limit(velocity_max, torch.where(known.used, peak, 0), plane, model)
     table: dict[str, Any] = {"levels": levels, "spacing": spacing, "interpolation": interpolation}
     kernels = build_kernels(model, rate, velocity_max=limit, kind=kernel, band=band, **table)
-    facts = {
-        **facts_of(known, model, chosen, kernels.error),
-        **table,
-        "kernel": kernel,
-        "velocity_max": limit,
-        "kernel_error": kernels.error,
-        "kernel_gain": kernels.gain,
-        "level_error": kernels.level_error,
-        "band": list(kernels.band),
-        "incident": wave.label,
-        "edge": wave.edge,
-        "window": window,
-        "segment": segment,
-        "phase": "averaged" if sent.is_complex() else "signal",
-        "level_check": "not checked by replay",
-    }
+    facts = facts_of(known, model, chosen, kernels.error) | table
+    facts |= {"kernel": kernel, "velocity_max": limit, "band": list(kernels.band)}
+    facts |= {"kernel_error": kernels.error, "kernel_gain": kernels.gain, "level_error": kernels.level_error}
+    facts |= {"incident": wave.label, "edge": wave.edge, "window": window, "segment": segment}
+    facts |= {"phase": "averaged" if sent.is_complex() else "signal", "level_check": "not checked by replay"}
     with nullcontext() if reflected is None else reflected_file(reflected, plane, sent, known.used, facts) as store:
         record = PlaneRecord(plane, reading.dtype, reading.device, known.used, progress)
         signal = Replay(record, kernels, wave, drive, store=store)
@@ -158,11 +147,7 @@ def replay(
     lengths = torch.ones(count, dtype=torch.float64, device=reading.device)
     for name, each in zip(AVERAGED, replicated.split([plane.probes, known.cells.count], 1), strict=True):
         held = torch.ones(each.shape[1:], dtype=torch.bool, device=reading.device)
-
-        def own_columns(part: slice, each: Tensor = each) -> Tensor:
-            return each[:, part]
-
-        averages[name] = fold(known, name, lengths, own_columns, held, interval)
+        averages[name] = fold(known, name, lengths, lambda at, r=each: r[:, at], held, interval)  # type: ignore[misc]
     chief = averages[averaging].liner
     notes = [*review_case(plane, model, asked), *known.notes, *_review_replay(kernels, wave, sent, chief)]
     runs = 0.0 if chief.interval is None else float(chief.interval.runs.min())
@@ -209,10 +194,8 @@ def _review_replay(kernels: KernelTable, wave: Incident, sent: Tensor, chief: Ed
     low, high = kernels.band
     size = float((1 + chief.impedance.detach()).abs().square().max()) / 2  # of dZ, over that of dR
     if kernels.error > LARGEST_ERROR or kernels.gain > LARGEST_GAIN:
-        text = (
-            f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz (limit "
-        )
-        text += f"{LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); "
+        text = f"the {kernels.kind} kernels are off by up to {kernels.error:.2g} in R within {low:g}-{high:g} Hz "
+        text += f"(limit {LARGEST_ERROR:g}) and amplify up to {kernels.gain:.3g} times (limit {LARGEST_GAIN:g}); "
         remedy = "take kernel='two-sided'" if kernels.kind == "causal" else "narrow the wave and the frequencies"
         yield Note("kernel", text + remedy, kernels.error * size)
     if kernels.level_error > LARGEST_ERROR:
