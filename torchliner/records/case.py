@@ -92,9 +92,7 @@ class AtProbes(OfOneTone):
         shape = self._shape
         require_positive(f"{self.name}: sampling_rate (Hz)", self.sampling_rate)
         if not 0 < len(shape) <= 3 or 0 in shape:
-            raise ValueError(
-                f"{self.name}: a signal has shape {tuple(shape)}; (z, x, time), (x, time) or (probe, time) is needed"
-            )
+            raise ValueError(f"{self.name}: a signal has shape {shape}; give (z, x, time), (x, time) or (probe, time)")
         for label, along in {"x": -1, "z": 0}.items():
             wanted = shape[:-1][along] if len(shape) == 3 else self.probes
             if (value := getattr(self, label)) is not None and len(value) != wanted:
@@ -200,11 +198,9 @@ def require_same_run(plane: Any, record: Any) -> None:
 
 def same_probes(first: Any, other: Any) -> bool:
     """Whether two records have probes of one shape at the same places."""
-    places = ((first.x, other.x), (first.z, other.z))
     return first.probe_shape == other.probe_shape and all(
-        mine is theirs is None
-        or (mine is not None and theirs is not None and float((mine - theirs).abs().max()) <= SAME_PLACE)
-        for mine, theirs in places
+        mine is theirs if mine is None or theirs is None else float((mine - theirs).abs().max()) <= SAME_PLACE
+        for mine, theirs in ((first.x, other.x), (first.z, other.z))
     )
 
 

@@ -75,9 +75,7 @@ class MicrophoneLine(Written, Reported, Case):
             object.__setattr__(self, label, value)
         check(self, tensors=True)
         if len(self.x) < 2 or bool((self.x.diff() <= 0).any()):
-            raise ValueError(
-                f"{self.name}: x is {self.x.tolist()} m; two or more microphones, sorted by x, make a line"
-            )
+            raise ValueError(f"{self.name}: x is {self.x.tolist()} m; two or more places are needed, in rising order")
         start, end = self.liner_start, self.liner_end
         if (start is None) != (end is None) or (start is not None and end is not None and start >= end):
             raise ValueError(f"{self.name}: liner_start is {start} m and liner_end {end} m; give both, start < end")

@@ -73,9 +73,7 @@ class DrawnImpedance(Written, Reported):
     def source_line(self) -> MicrophoneLine:
         """``line``, of one case, for files and pages; a ValueError where none was kept, or several, as of draws."""
         if self.line is None or self.impedance.ndim != 1:
-            raise ValueError(
-                f"{self.method}: a file or a page needs one line of microphones; none or several were kept"
-            )
+            raise ValueError(f"{self.method}: a file or a page needs one line of microphones, not none or several")
         return self.line
 
     def write(self, path: str | Path, *others: DrawnImpedance) -> None:
