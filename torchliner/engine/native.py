@@ -31,16 +31,8 @@ reason = ""  # why there is no library, after ``available()``
 
 
 def available() -> bool:
-    """Whether the library can be used here; builds it the first time.
-
-    Raises:
-        RuntimeError: with the reason, if ``TORCHLINER_SUMS`` is ``native`` and there is none.
-    """
-    wanted = os.environ.get("TORCHLINER_SUMS")
-    there = wanted != "torch" and library() is not None
-    if not there and wanted == "native":
-        raise RuntimeError(f"TORCHLINER_SUMS=native, but the compiled sums failed: {reason}")
-    return there
+    """Whether the library can be used here; builds it the first time."""
+    return library() is not None
 
 
 def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
@@ -64,7 +56,8 @@ def sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> Tensor:
 
 @functools.cache
 def library() -> CDLL | None:
-    """Loaded from the cache, built, or the one of the wheel; None where none can be had, with the ``reason``."""
+    """Loaded from the cache, built, or the one of the wheel; None where none can be had, with the ``reason``, or a
+    RuntimeError if ``TORCHLINER_SUMS`` is ``native``."""
     global reason
     problems = []
     for get in (_built, _brought):
@@ -76,6 +69,8 @@ def library() -> CDLL | None:
         except (OSError, AttributeError, RuntimeError, ValueError, subprocess.SubprocessError) as problem:
             problems.append(str(problem))
     reason = "; ".join(problems)
+    if os.environ.get("TORCHLINER_SUMS") == "native":
+        raise RuntimeError(f"TORCHLINER_SUMS=native, but the compiled sums failed: {reason}")
     logging.getLogger("torchliner").info("moments are summed by torch alone, which is slower: %s", reason)
     return None
 

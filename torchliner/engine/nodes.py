@@ -9,6 +9,8 @@ or more are open. ``Levels`` serves tables, whose R has a kink at each of their 
 """
 
 import importlib
+import math
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -81,7 +83,7 @@ class Chebyshev:
     def sums(self, weights: Tensor, columns: Tensor) -> Tensor:
         """Measure of ``engine.sums``: ``torch_sums`` by the fastest code of the device. A faster module has ``sums``
         alike, and ``available()``; ``TORCHLINER_SUMS=torch`` in the environment keeps to torch alone."""
-        home = FASTER.get(columns.device.type)
+        home = None if os.environ.get("TORCHLINER_SUMS") == "torch" else FASTER.get(columns.device.type)
         faster: Any = None if home is None else importlib.import_module(home)
         sums = faster.sums if faster is not None and faster.available() else torch_sums
         return sums(weights, columns, self.count, self.centre)
@@ -122,9 +124,7 @@ class Levels:
         index = self.parts * step + first.to(torch.int64)
         found = torch.zeros(len(weights), weights.shape[1], self.count, columns.shape[2], device=speed.device).double()
         for i in range(4):
-            share = torch.ones_like(t)
-            for other in {0, 1, 2, 3} - {i}:
-                share = share * (t - other) / (i - other)
+            share: Any = math.prod((t - other) / (i - other) for other in range(4) if other != i)
             for row in range(weights.shape[1]):
                 found[:, row].scatter_add_(1, index + i, share * weights[:, row, :, None])
         return found
