@@ -16,7 +16,7 @@ from torchliner.engine.blocks import Blocks, waves
 from torchliner.engine.drives import Drive
 from torchliner.engine.moments import ASKED
 from torchliner.engine.nodes import ANY_LINER, Chebyshev, Levels, choose_nodes, interpolation_error
-from torchliner.engine.sums import Held, Job, largest, linear, reduce, square
+from torchliner.engine.sums import Held, Job, linear, reduce, square
 from torchliner.engine.survey import survey_sums
 from torchliner.liners.catalogue import preset_names
 from torchliner.liners.model import LinerModel
@@ -57,7 +57,6 @@ def every_job(nodes: Chebyshev | Levels) -> list[Job]:
     return [
         Job(Drive(), linear, lines),
         Job(Drive(), square),
-        Job(Drive(), largest, largest=1),
         Job(Drive(), nodes.sums, lines),
         Job(running, nodes.sums, reach=16),
         Job(Drive(), survey_sums, lines, largest=1),

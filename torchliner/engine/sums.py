@@ -153,11 +153,6 @@ def square(weights: Tensor, columns: Tensor) -> Tensor:
     return (weights @ columns.square())[:, :, None]
 
 
-def largest(weights: Tensor, columns: Tensor) -> Tensor:
-    """Measure: largest |v|, whatever the weights, R = K = 1."""
-    return columns.abs().amax(1)[:, None, None]
-
-
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
     """torch in one thread; several also add small tables in another order."""

@@ -8,7 +8,7 @@ from torch import Tensor
 from torchliner.engine.blocks import Blocks
 from torchliner.engine.drives import Drive
 from torchliner.engine.moments import Moments
-from torchliner.engine.sums import Job, PlaneRecord, largest, linear, reduce
+from torchliner.engine.sums import Job, PlaneRecord, linear, reduce
 from torchliner.engine.survey import Survey, survey_of, survey_sums
 from torchliner.liners.catalogue import load_liner, preset_names
 from torchliner.records import VelocityPlane
@@ -35,20 +35,20 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     whole = Blocks.of(plane.samples, plane.sampling_rate, max(float(tone), 1.0 / plane.duration))
     rest = (plane.samples,) if whole.borders[-1] < plane.samples else ()
     blocks = Blocks(whole.borders + rest, plane.sampling_rate, whole.periods)
-    moved = Drive().less(plane.read(0, 1)[0].to(host, torch.float64))
-    jobs = [Job(Drive(), survey_sums, tone, largest=1), Job(_faults, linear), Job(moved, largest, largest=1)]
-    sums, faulty, moves = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
-    faults, still = faulty.sum((0, 1, 2)), moves.amax((0, 1, 2)) == 0
-    failures, good = list[str](), faults == 0
+    jobs = [Job(Drive(), survey_sums, tone, largest=1), Job(_faults, linear)]
+    sums, faulty = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
+    seen, faults, failures = survey_of(sums, blocks, tone, 0), faulty.sum((0, 1, 2)), list[str]()
+    good = faults == 0
+    still = good & (seen.mean_square - seen.mean**2 <= 1e-12 * seen.mean_square)
     if not bool(good.all()):
         probe = int((faults > 0).nonzero()[0])
         failures.append(
             f"{int(faults.sum())} nan or inf at {int((faults > 0).sum())} of {plane.probes} probes, the first at probe "
             f"{probe}, sample {plane.first_fault(probe)} (educe --missing exclude leaves such probes out)"
         )
-    if bool((still & good).any()):
-        failures.append(f"{int((still & good).sum())} of {plane.probes} probes are constant in time")
-    found = _inspection(plane, survey_of(sums, blocks, tone, 0), good, failures, {})
+    if bool(still.any()):
+        failures.append(f"{int(still.sum())} of {plane.probes} probes are constant in time")
+    found = _inspection(plane, seen, good, failures, {})
     pitch = load_liner(plane.liner).cell_pitch if plane.liner in preset_names() else None
     failures += [note.text for note in plane_notes(plane, plane.frequency, pitch)]
     if plane.frequency is not None:
