@@ -80,6 +80,10 @@ def test_cells_that_are_gone_leave_one_rms_for_the_others(liner):
     rms = found["background"]["rms"]
     assert rms == pytest.approx([0.4, 0.8], rel=0.05)
     assert found["incoherent_scale"] == pytest.approx(sum(rms) / 2 / 1.5, rel=0.02)
+    plane, quiet = plane_of(), quiet_of()
+    plane.velocity[:4], quiet.velocity[12:] = torch.nan, torch.nan  # as many cells, and not the same ones
+    found = tl.educe(plane, liner.replace(cell_pitch=PITCH / 2), background=quiet, missing="exclude").choices
+    assert len(found["background"]["rms"]) == 1
 
 
 def test_the_tone_that_is_asked_for_counts_where_none_is_stated(liner):

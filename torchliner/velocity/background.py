@@ -102,15 +102,18 @@ def _measured(
         if there is not None and here is not None and not math.isclose(there, here, rel_tol=SAME):
             raise ValueError(f"background {about.name} has {what} {there:.4g}, and {plane.name} {here:.4g}; {REMEDY}")
     known, tone = quiet if isinstance(quiet, Moments) else read(quiet), plane.frequency or about.frequency
-    cells = sort_into_cells(about, pitch if same_probes(about, plane) else None).kept(known.used)
-    seen, members = known.survey, Membership.of(cells, known.used, known.survey.sums.device)
+    whole = sort_into_cells(about, pitch if same_probes(about, plane) else None)
+    cells, seen = whole.kept(known.used), known.survey
+    members = Membership.of(cells, known.used, seen.sums.device)
     if tone is not None and (count := seen.blocks.count) > 2:
         found = float(seen.coherence(torch.tensor([tone], dtype=torch.float64), members).nan_to_num(0).max())
         if found > (limit := coherence_by_chance(count, FALSE_ALARM)):
             text = f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}, noise has "
             raise ValueError(f"{text}{limit:.2g} in {100 * FALSE_ALARM:g} % of records); {REMEDY}")
-    rms = members.mean(incoherent_square(seen, members)).sqrt()
-    return Background(tuple(rms.tolist()), (about.name,), about.height)
+    rms = members.mean(incoherent_square(seen, members)).sqrt().tolist()
+    if cells.count < whole.count:  # the plane may have lost others
+        rms = [sum(rms) / len(rms)]
+    return Background(tuple(rms), (about.name,), about.height)
 
 
 def likely_share(ratio: float, weak: float = WEAK, strong: float = STRONG) -> float:
