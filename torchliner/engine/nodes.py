@@ -161,7 +161,7 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
         candidates = (Levels((*sorted(kinks | {0.0}), top), parts) for parts in PARTS)
     best: Nodes = ANY_LINER
     for best in candidates:
-        if max(interpolation_error(best, liner, frequency, top)[0] for liner in liners) <= tolerance:
+        if all(interpolation_error(best, liner, frequency, top)[0] <= tolerance for liner in liners):
             break
     return best
 

@@ -207,8 +207,8 @@ def fold(
     def work(part: slice) -> tuple[slice, Tensor, Educed]:
         each = reflection(part)
         own = None if level is None or of_cells else jackknife(each.detach(), shares, level)
-        admittance = admittance_from_reflection(each).masked_fill(leave[part], 0) * weight[part, None]
-        return part, admittance, Educed(each[0], own)
+        admittance = admittance_from_reflection(each).masked_fill(leave[part], 0)
+        return part, admittance * weight[part, None] if of_cells else admittance, Educed(each[0], own)
 
     # The bits of a column do not depend on how the columns are shared out.
     size = max(1, ELEMENTS // ((1 + len(lengths)) * frequencies)) if device.type == "cpu" else columns
