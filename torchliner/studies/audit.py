@@ -21,7 +21,7 @@ from torchliner.records import VelocityPlane
 from torchliner.records.case import planes_by_height
 from torchliner.studies.variants import Row, Study, Variant, evaluate, every_second, of_blocks, read_again, read_for
 from torchliner.velocity.choices import COMPUTED, Choices
-from torchliner.velocity.educe import answer
+from torchliner.velocity.educe import answer, fitting
 from torchliner.velocity.reading import Progress
 from torchliner.velocity.review import FEWEST_SAMPLES_PER_PERIOD
 
@@ -63,7 +63,7 @@ def audit(
     turns = (2 * float(asked[0]), plane.sampling_rate / 2)
     known, nodes = read_for(plane, [model, *others.values()], asked, chosen, turns, progress)
     with torch.no_grad():
-        found = answer(known, model, asked, chosen)
+        found = answer(known, model, asked, fitting(known, model, asked, chosen))
     z = complex(found.liner[averaging].impedance[0])
     base = Variant({}, known, model, averaging, replace(chosen, interval=None))
     variants = [_vary(base, *labels, liner=other) for labels, other in others.items()]

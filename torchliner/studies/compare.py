@@ -15,7 +15,7 @@ from torchliner.liners.model import Liner, as_liner
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.studies.variants import Row, Study, plane_of, read_for, rows_of
 from torchliner.velocity.choices import Choices
-from torchliner.velocity.educe import answer
+from torchliner.velocity.educe import answer, fitting
 from torchliner.velocity.reading import Progress
 
 SAME_PLACE = 1e-6  # m
@@ -118,7 +118,8 @@ def compare_models(
         object.__setattr__(model, "cell_pitch", pitch)
     known = plane if isinstance(plane, Moments) else read_for(plane, [*models.values()], lines, chosen, (), progress)[0]
     with torch.no_grad():
-        maps = {name: answer(known, model, lines, chosen, reference_phase) for name, model in models.items()}
+        ways = {name: fitting(known, model, lines, chosen) for name, model in models.items()}
+        maps = {name: answer(known, model, lines, ways[name], reference_phase) for name, model in models.items()}
     for name, each in maps.items():
         for note in (note for note in each.notes if note.code != "level-check"):
             texts.setdefault(note.text, []).append(name)

@@ -71,6 +71,7 @@ def educe(
         if chosen.level_matched:
             raise ValueError(f"level_matched reads {plane.plane.name} several times; give the plane, not its moments")
         known, asked = plane, plane.plane.asked(frequency)
+        chosen = fitting(known, model, asked, chosen)
     else:
         reading = reading_of(plane, [model], frequency, chosen, projected=True)
         known, asked, chosen = take_moments(reading, progress=progress), reading.frequency, reading.chosen
@@ -129,9 +130,8 @@ def answer(
     reference_phase: Any = None,
     pressure: Any = None,
 ) -> ImpedanceMap:
-    """The map from moments, as ``educe`` gives it; a ValueError where these do not fit what is asked."""
+    """The map from moments that were just read, or by choices of ``fitting``."""
     plane, liner, names = known.plane, liner.in_flow(known.plane.mach), COMPUTED[chosen.averaging]
-    chosen = fitting(known, liner, frequency, chosen)
     found = {name: average(known, liner, frequency, chosen, name, reference_phase) for name in names}
     heard, of_sound = review.review_sound(known, liner, frequency, chosen)
     without_tone = any(note.code == review.NO_TONE for note in heard)
@@ -156,6 +156,7 @@ def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choice
     """Choices, settled for the plane of moments; a ValueError for what these cannot answer: another drive, averaging,
     cell and so on."""
     name, again = f"{known.plane.name} was reduced", "or reduce the data again"
+    liner = liner.in_flow(known.plane.mach)
     known.require_speeds(liner)
     chosen = settled(known.plane, chosen, frequency, liner, known.cell_pitch)
     wanted = chosen.describe()
@@ -212,7 +213,7 @@ def map_of(
         cell_weight=known.cells.weight,
         wall=None if first.wall is None else on_probes(first.wall),
         reference=dict(plane.reference),
-        goodrich=goodrich_of(plane, liner, frequency),
+        goodrich=goodrich_of(plane, liner, frequency) if plane.mach else None,
         **parts,
         **{name: getattr(plane, name) for name in STATED},
         **about,

@@ -187,8 +187,8 @@ def review_answer(
         notes.append(Note("no-intervals", text))
     if (interval := chief.interval) is None:
         return error, notes
-    runs, width = float(interval.runs.min()), float(interval.widths.max())
-    if runs < FEWEST_RUNS and width > SMALLEST_WIDTH:
+    runs = float(interval.runs.min())
+    if runs < FEWEST_RUNS and (width := float(interval.widths.max())) > SMALLEST_WIDTH:
         # Runs grow with the length of the record as S^(2/3), since their own length grows too.
         wanted = math.ceil((FEWEST_RUNS / runs) ** 1.5 * blocks.periods)
         text = f"{name}: the error bars rest on {runs:.2g} independent blocks; {wanted} periods give {FEWEST_RUNS}"
