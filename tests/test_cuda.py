@@ -60,6 +60,14 @@ def test_moments_on_the_device_answer_like_the_plane() -> None:
 
 
 @needs_cuda
+def test_a_replayed_signal_is_that_of_the_cpu() -> None:
+    liner = tl.load_liner("polito")
+    for wave, about in ((TONE, {}), (tl.BandNoise(700, 2100), {"frequency": TONE, "segment": 0.005})):
+        wanted, found = (tl.replay(plane(), liner, wave, device=device, **about) for device in ("cpu", "cuda"))
+        assert off(found.answer, wanted.answer) < 1e-9
+
+
+@needs_cuda
 def test_a_file_is_read_onto_the_device(tmp_path: Any) -> None:
     plane().write(tmp_path / "plane.h5")
     lazy, liner = tl.read_plane(tmp_path / "plane.h5", lazy=True), tl.load_liner("polito")
