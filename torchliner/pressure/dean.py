@@ -164,6 +164,6 @@ def _notes(record: PressureRecord, highest: float, coherence: Tensor, blocks: in
         notes.append(Note("low-coherence", f"{record.name}: {text} {LOW_COHERENCE:g} in {count}"))
     if record.cell_pitch and highest >= (limit := record.fluid.sound_speed / (2 * record.cell_pitch)):
         wide = f"a cavity as wide as its cell, {1e3 * record.cell_pitch:g} mm, carries transverse waves"
-        text = f"above {limit:.4g} Hz {wide}; Dean's formula knows the plane one alone"
+        text = f"above {limit:.4g} Hz {wide}; Dean's formula assumes the plane one alone"
         notes.append(Note("cavity-modes", f"{record.name}: {text}"))
     return notes

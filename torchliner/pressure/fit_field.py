@@ -61,7 +61,7 @@ def fit_field(
         duct: at the line's frequencies, with one lined patch; or a preset or TOML file (see ``load_duct``), which says
             the wall, too.
         wall: of the microphones, ``opposite`` or ``lined``.
-        far_end: ``fitted``, it reflects what is found, or ``stated``, what the case says.
+        far_end: reflection of the far end, ``fitted``, or ``stated`` by the case.
         start: impedance where the search begins; default the best of those from a grid. Soft walls, and those near the
             greatest attenuation, have minima beside the true one.
         errors: ``draws``, ``level_error``, ``phase_error`` and ``seed``, as of ``MicrophoneErrors``; they weight

@@ -41,9 +41,9 @@ class MicrophoneErrors:
     """What is assumed of the errors, and how many draws of them an eduction takes.
 
     Args:
-        level_error: standard deviation of the levels, dB, default 0.1; what is used is larger by the root of the misfit
-            where the waves leave more than 1 right model in 20.
-        phase_error: standard deviation of the phases, degrees, default 0.1; as of the levels.
+        level_error: standard deviation of the levels, dB, default 0.1; multiplied by the root of the misfit where the
+            residual is one that only 1 correct model in 20 would exceed.
+        phase_error: standard deviation of the phases, degrees, default 0.1; multiplied likewise.
         draws: of the errors, at least 2 (the paper: 500); default 0, none: intervals to first order.
         seed: of the draws; default 0.
     """
@@ -122,7 +122,7 @@ def wave_notes(result: WallEduction, freedom: float) -> tuple[Note, ...]:
     notes = [Note("unsettled", f"{choices['source']}: {lost}")] if choices.get("unsettled") else []
     rows = [
         ("aliasing", result.frequency >= highest, short),
-        ("no-wave", ~torch.isfinite(result.wavenumber), f"no wave runs away from a source {side}; they are nan"),
+        ("no-wave", ~torch.isfinite(result.wavenumber), f"no wave runs away from a source {side}; Z is nan"),
         ("source-side", share < LEAST_SHARE, weak),
         ("active-wall", z.real < FEEDS, gains),
         ("model-misfit", poor, f"{left}: other waves, or larger errors; compare ranks, margins and methods"),
@@ -143,7 +143,7 @@ def field_notes(result: FieldFit) -> tuple[Note, ...]:
         ("model-misfit", poor, f"the residuals are {misfit}, which error bars take: {causes}"),
         ("rigid-wall", rigid, "the microphones do not tell the liner from a rigid wall: the error of Z has no bound"),
         ("active-wall", resistance < FEEDS, f"the resistance is {_least(resistance):.3g}, below 0"),
-        ("active-end", end > GAINS, f"the far end would reflect {-_least(-end):.3g} times what it gets"),
+        ("active-end", end > GAINS, f"the far end would reflect {-_least(-end):.3g} times the incident wave"),
     ]
     return _notes(result, rows)
 
@@ -154,7 +154,7 @@ def _misfit(result: DrawnImpedance, limit: float) -> tuple[Tensor, str]:
     scale, most = -_least(-result.error_scale), float(result.misfit.nan_to_num(0.0).max()) ** 0.5
     level, phase = (result.choices[f"{name}_error"] for name in ("level", "phase"))
     stated = f"{most:.3g} times the {level:g} dB and {phase:g} degrees stated (limit {limit**0.5:.3g})"
-    return result.misfit > limit, f"{stated}, as of {level * scale:.2g} dB and {phase * scale:.2g} degrees"
+    return result.misfit > limit, f"{stated}, equivalent to {level * scale:.2g} dB and {phase * scale:.2g} degrees"
 
 
 def _notes(result: DrawnImpedance, rows: list[tuple[str, Tensor, str]], size: float | None = None) -> tuple[Note, ...]:

@@ -119,7 +119,7 @@ def decompose_waves(
     bias, poor = (residual * condition).nan_to_num(0.0).max(0)
     if float(bias) > BIAS:
         share = f"{100 * float(residual[poor]):.2g} % of the signals at {float(tones.frequency[poor]):g} Hz"
-        text = f"{share}; there is more (vortices, turbulence), and R may be off by {float(bias):.2g}"
+        text = f"{share}; the signals hold more (vortices, turbulence), and R may be off by {float(bias):.2g}"
         notes.append(Note("other-waves", f"{record.name}: {name}: two plane waves leave {text}"))
     if record.facesheet is None:  # else the in situ method says it
         notes += tones.few_blocks_notes(name, found)

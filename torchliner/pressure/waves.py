@@ -158,8 +158,8 @@ def kumaresan_tufts(
         line: microphones; those over the liner are used, all of them if it names no liner.
         rank: K, waves and singular values that are kept.
         order: L of the prediction, at most half the microphones; default half of them.
-        condition: at the liner, ``ingard-myers`` or ``continuous-velocity``.
-        margin: m that the microphones keep from the liner's ends.
+        condition: boundary condition at the liner, ``ingard-myers`` or ``continuous-velocity``.
+        margin: m, least distance of the microphones used from the liner's ends.
         errors: ``draws``, ``level_error``, ``phase_error`` and ``seed``, as of ``MicrophoneErrors``.
     Raises:
         TypeError: rank, order or draws is no whole number.

@@ -21,7 +21,7 @@ class Cells:
     labels: Tensor = var("point", name="cell_of_probe", text="cell of each probe, -1 for none")
     x: Tensor = var("cell", unit="m", name="cell_x", text="streamwise coordinate of the centre of a cell")
     z: Tensor = var("cell", unit="m", name="cell_z", text="spanwise coordinate of the centre of a cell")
-    weight: Tensor | None = var("cell", name="cell_weight", text="share of its probes that a cell has", default=None)
+    weight: Tensor | None = var("cell", name="cell_weight", text="share of a cell's probes in use", default=None)
 
     @property
     def count(self) -> int:

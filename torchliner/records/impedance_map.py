@@ -47,13 +47,13 @@ class ImpedanceMap(Drawn, Averaged, Found):
     velocity_rms: Tensor = var("probes", unit="m/s", text="rms of v about its mean")
     velocity_amplitude: Tensor = var(*FULL, unit="m/s", kind="complex", text="peak amplitude of v into the liner")
     coherence: Tensor = var(*FULL, text="squared coherence of v with the tone over the blocks, nan where not measured")
-    phase_rule: Tensor = var(*FULL, kind="flag", name="phase_rule_used", text="whether it was; else averaged")
+    phase_rule: Tensor = var(*FULL, kind="flag", name="phase_rule_used", text="whether it was used; else averaged")
     cell_x: Tensor = var("cell", unit="m", text="streamwise coordinate of the centre of a cell")
     cell_z: Tensor = var("cell", unit="m", text="spanwise coordinate of the centre of a cell")
     along_x: Mapping[str, Educed] = part(
         "along_x_", "columns", "frequency", text="averaged over z", by="names", default_factory=dict
     )
-    cell_weight: Tensor | None = var("cell", text="share of its probes that a cell has", default=None)
+    cell_weight: Tensor | None = var("cell", text="share of a cell's probes in use", default=None)
     wall: Tensor | None = var(*FULL, kind="flag", default=None, text="whether it counts as wall, of admittance 0")
     x: Tensor | None = var("columns", unit="m", text="streamwise coordinate", default=None)
     z: Tensor | None = var("rows", unit="m", text="spanwise coordinate", default=None)

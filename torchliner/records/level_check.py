@@ -99,7 +99,7 @@ class LevelCheck:
 
 @record
 class LevelMatched:
-    """Z with the incoherent velocity scaled until the level check is 0; nan where that cannot be had.
+    """Z with the incoherent velocity scaled until the level check is 0; nan where no scale does that.
 
     It measures |Z + 1| (from an incident wave) or |Z| (from a pressure at the wall); the phase is the model's. The
     bounds hold the scatter of the record and the stated uncertainty of the level.

@@ -24,7 +24,7 @@ OF_STATION = ("x", "y", "rate", "mean_velocity", "velocity_rms")
 STATIONS = "station,x,y,frequency,impedance,interval,segment_spread,mean_velocity,velocity_rms,coherence,flags,dropped"
 COMPONENTS = {"v": "wall_normal", "u": "streamwise"}
 MOMENTS = ("mean", "rms", "weighted_mean", "weighted_rms")
-WHY = "Intervals are of the finite record. Pressure first: what the reflected plane wave sees; admittance: the paper's."
+WHY = "Intervals are statistical. Pressure first: as the reflected plane wave sees it; admittance: the paper's order."
 
 
 def of_line(line: ImpedanceLine) -> Answer:

@@ -49,8 +49,8 @@ def of_maps(*results: ImpedanceMap, planes: Sequence[VelocityPlane] = ()) -> Ans
         lines=[*dict.fromkeys([*lines, *(line for one in results for line in _known_lines(one))])],
         table=table_of(rows, SHOWN if several else SHOWN.removeprefix("run,")),
         brief=answers if several or len(answers) > 1 else [],
-        caption="Z = R + jX of the whole liner over ρc, by averaging, beside what is known from elsewhere; the "
-        f"interval is {STATISTICAL}; the spread is that over probes, no uncertainty.",
+        caption="Z = R + jX of the whole liner over ρc, by averaging, and independent values; the "
+        f"interval is {STATISTICAL}; the spread is that over probes and is no uncertainty.",
         grids=[Grid(f"cells{i or ''}", "Each cell.", table_of(_cells(one), CELLS)) for i, one in enumerate(results)],
         notes=[
             note for one in results for notes in (one.notes, *(each.notes for each in one.alongside)) for note in notes

@@ -108,7 +108,7 @@ def of_heights(study: Study) -> Answer:
     judges = "level check" if study.judged[0].name == "level check" else "change with height"
     lines = [f"The lowest that qualifies, {name}: {height}" for name, height in found.items()]
     lines.append(f"Judged by the {judges}; no reference impedance is used.")
-    step = "no plane of these will do: calibrate the liner, give a run without sound, or take other heights"
+    step = "none of these planes will do: calibrate the liner, give a run without sound, or take other heights"
     if study.height is not None:
         step = f"torchliner educe with the plane at y = {1e3 * study.height:.3g} mm"
     drawn = [Row(row, averaging=name, impedance=z) for row in study.rows for name, z in row.impedance.items()]

@@ -25,12 +25,12 @@ class Choices:
     """What the paper leaves open.
 
     Args:
-        averaging: what is averaged over each cell, for the ``answer``: ``admittance`` (the paper): that of each probe,
-            driven by its own v; ``velocity``: v itself, whose mean drives the liner; ``phase-locked``: the part of v
-            that is periodic with the tone, while the rest acts where it is measured. The last reads the data twice and
-            is left out where another is asked for.
-        phase: phase of the incident tone relative to v: ``averaged`` (nothing else is known), ``self-consistent``
-            (from the tone in v itself), ``given`` (stated beside it).
+        averaging: what is averaged over each cell for the ``answer``: ``admittance`` (the paper), of probes driven by
+            their own v; ``velocity``, v itself, whose mean drives the liner; ``phase-locked``, the part of v that is
+            periodic with the tone, while the rest acts where it is measured. The last reads the data twice and is
+            computed only if it is chosen.
+        phase: phase of the incident tone relative to v: ``averaged`` over all phases (the phase is not known),
+            ``self-consistent`` (from the tone in v itself), ``given`` (by ``reference_phase``).
         drive: |v| that acts on the liner: ``instantaneous``, ``rms`` over the record, or ``running-rms``.
         running_window: of the running rms, s; default one period of the lowest frequency.
         mean: time-mean velocity ``kept`` in the drive or ``removed``.
@@ -38,14 +38,14 @@ class Choices:
         wall_filter: squared coherence of v with the tone, 0 to 1, below which a probe counts as wall: admittance 0 in
             averages over probes (section 7.2); default: no filter.
         missing: probes that hold nan or inf: ``refuse`` the plane or ``exclude`` them.
-        background: of ``phase-locked``: the same plane without sound (or its moments), to whose rms the incoherent
-            velocity of each cell is scaled down; several of other heights, between which the rms is taken at half a
-            hole diameter; or that rms, m/s. Default: as measured. Strong sound in weak flow makes jets, whose vortices
-            would else count as turbulence.
+        background: for ``phase-locked``: the same plane without sound (or its moments), to whose rms the incoherent
+            velocity of each cell is scaled down; several at other heights, whose rms is interpolated to half a hole
+            diameter; or that rms, m/s. Default: as measured. Strong sound in weak flow makes jets, whose vortices would
+            else count as turbulence.
         minimum_coherence: squared coherence of v with the tone, 0 to 1, below which ``self-consistent`` falls back to
             ``averaged``. Noise alone exceeds 0.5 at a share 0.5^(S - 1) of the probes, with S blocks.
-        level_limit: dB that Z and the phase-locked velocity may differ from a known pressure, for the level check.
-        level_uncertainty: dB by which that pressure itself is uncertain; adds to the limit.
+        level_limit: dB by which the pressure from Z and the phase-locked velocity may differ from the known one.
+        level_uncertainty: of the known pressure, dB; added to the limit.
         level_matched: also find the share of the incoherent velocity that makes the level check 0, and Z with it: a
             measurement by pressure and velocity, not a prediction. The data are read about ten times more.
         allow_short: accept fewer than four periods.

@@ -98,8 +98,8 @@ def moments(
     Args:
         plane: wall-normal velocity, (..., T) m/s.
         liner: for which the nodes are chosen, and whose cells are averaged over; several of one pitch as a list;
-            default any: 64 nodes, which know R of holes of 0.5 to 2.5 mm up to 6 kHz to 1e-5 in 5 to 15 % open area,
-            to 3e-4 in 3 %; each result states the error.
+            default any liner: 64 nodes, which give R of holes of 0.5 to 2.5 mm up to 6 kHz to 1e-5 for 5 to 15 % open
+            area, to 3e-4 for 3 %; each result states the error.
         frequency: Hz, at which a phase rule other than ``averaged`` is to be used, and for the nodes; default the
             plane's own tone.
         cell_pitch: L_c, m, without a liner.

@@ -101,8 +101,8 @@ def ir_tdibc(
 ) -> LevelCurve:
     """Impedance over the level of a normally incident plane wave that alone drives the liner.
 
-    At every step v = (x - y)/(rho c), and y(t_K) = sum_k x(t_k) h(t_K - t_k; |v_k|): the newest tap makes this an
-    equation in |v_K|, solved exactly. The record is sent twice; the second is read.
+    At every step v = (x - y)/(rho c), and y(t_K) = sum_k x(t_k) h(t_K - t_k; |v_k|): the tap at zero delay makes this
+    an equation in |v_K|, solved exactly. The record is sent twice; the second pass is evaluated.
 
     Args:
         liner: a model; its fluid gives rho c, air at 20 C where it states none.
@@ -111,7 +111,7 @@ def ir_tdibc(
         kernel: ``least-squares``, causal, fitted on 300-3500 Hz and all tones; ``causal``, eqs (3.1)-(3.3) to the
             letter, whose dropped taps take up to a third of the resistance.
         sampling_rate: Hz, raised to 16 times the highest tone and to whole samples in a period of the wave.
-        duration: s of the record, raised to whole periods and to a kernel.
+        duration: of the record, s, raised to whole periods and at least the length of the kernel.
         after: s, length of the kernel.
     Raises:
         ValueError: a level that is nan, above 200 dB or drives |v| beyond the table; tones that repeat too

@@ -50,7 +50,7 @@ LEAST = 0.5  # dB by a factor e in the incoherent velocity: below, the level doe
 STEP = 0.02  # in the logarithm of the share, for slopes
 NOTHING = complex(math.nan, math.nan)
 PER_NEPER = 20 / math.log(10)
-NO_SIDE = "not checked, state source_side: normal makes incident_level that of the wave, else it is that at the wall"
+NO_SIDE = "not checked, state source_side: with normal, incident_level is that of the wave, else that at the wall"
 NO_SOUND = "not checked, since source_side states that there is no sound"
 OTHER_TONE = "not checked, since nothing is known at the frequencies asked for"
 

@@ -85,7 +85,7 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
         yield Note("large-mean", text)
     if (gone := cells - known.membership.count) or weight is not None:
         least = 1.0 if weight is None else float(weight.min())
-        text = f"{gone} of {cells} cells hold no probe that is left; others weigh what they have, at least {least:.2g}"
+        text = f"{gone} of {cells} cells have no probe left; others count by share of probes, at least {least:.2g}"
         yield Note("lost-cells", f"{name}: {text}")
 
 
@@ -111,7 +111,7 @@ def review_sound(
         notes.append(Note("no-cell-pitch", text))
     away = 0.5 if quiet is None or quiet.height is None or not diameter else quiet.height / diameter
     if not NEAR[0] <= away <= NEAR[1]:
-        text = f"the rms without sound is that {away:.2g} hole diameters up, and it acts at half of one: give planes "
+        text = f"the rms without sound is that at {away:.2g} hole diameters, and the one at 0.5 acts: give planes "
         notes.append(Note("background-height", f"{text}on either side of it (--background LOW HIGH)"))
     tested = frequency if tone is None else frequency.new_tensor([tone])
     coherence = float(seen.coherence(tested, cells).nan_to_num(1).max()) if count > 2 else 1.0
