@@ -36,6 +36,7 @@ html_theme = "furo"
 html_title = f"torchliner {release}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["access.js"]
 html_copy_source = False
 html_show_sourcelink = False
 
