@@ -15,7 +15,7 @@ from torchliner.fluid import Fluid
 from torchliner.names import SOURCE_SIDES
 from torchliner.records.checked import check
 from torchliner.records.declared import ANY, part, record, var
-from torchliner.records.level_check import UNKNOWN, LevelCheck
+from torchliner.records.level_check import DEGREES_PER_DB, UNKNOWN, LevelCheck
 from torchliner.records.notes import Note
 
 LOUDEST = 194.0  # dB: one atmosphere rms
@@ -176,7 +176,8 @@ class Found(Stated):
         check = self.level_check
         if check is None:
             return str(self.choices.get("level_check", UNKNOWN))
-        return f"off {check.known}, limit {check.limit:.2g} dB"
+        degrees = f" or {check.limit * DEGREES_PER_DB:.2g} degrees" if bool(check.liner.phase.isfinite().any()) else ""
+        return f"off {check.known}, limit {check.limit:.2g} dB{degrees}"
 
 
 def require_same_case(first: Any, other: Any, names: Sequence[str], remedy: str, *, where_stated: bool = False) -> None:

@@ -15,7 +15,7 @@ from torchliner.records.notes import Note
 from torchliner.report.table import Bounds, Table, bounds_of, format_bounds, format_complex, plain_of, table_of
 
 FIRST = ("null-test", "level-check", "model-misfit")  # codes of what makes Z another quantity, whatever its size
-MOST_ROWS, MOST_WARNINGS, WIDTH = 12, 3, 120  # of a screen
+MOST_ROWS, MOST_WARNINGS, WIDTH, WIDEST = 12, 3, 120, 160  # of a screen, its text and its table
 HOMES: dict[str, str] = {  # type of a result, or a value that only this kind of study has: what makes its answer
     "ImpedanceMap": "of_map:of_maps",
     "ImpedanceLine": "of_line:of_line",
@@ -107,7 +107,7 @@ class Answer:
                 parts += ["", grid.caption, grid.table.as_text()]
             parts += ["", *self.remarks] if self.remarks else []
         elif brief.rows and brief.shown:
-            parts.append(brief.as_text(MOST_ROWS, WIDTH))
+            parts.append(brief.as_text(MOST_ROWS, WIDEST))
             if (more := len(brief.rows) - MOST_ROWS) > 0:
                 parts.append(f"... {more} more rows (--verbose)")
         if warnings:
