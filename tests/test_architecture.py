@@ -110,6 +110,18 @@ def test_imports_stay_light(code, absent):
     assert found.strip() == "[]"
 
 
+def test_names_are_those_of_the_code():
+    """The tables of names and those of the code have the same keys."""
+    from torchliner import names
+    from torchliner.liners.model import LinerModel
+    from torchliner.velocity.averages import PHASE_RULES
+
+    assert set(names.PHASES) == set(PHASE_RULES) > set(names.UNHEARD)
+    for name, home in names.LINER_MODELS.items():
+        assert issubclass(kind := names.resolve(home), LinerModel)
+        assert kind.model == name
+
+
 def test_public_names_exist():
     """Every name in __all__ can be had, and an unknown one is an AttributeError."""
     import torchliner as tl

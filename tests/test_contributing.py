@@ -27,7 +27,7 @@ ROWS = [text for text in BLOCKS if not text.startswith("# torchliner/")]
 @pytest.fixture(scope="module")
 def added(tmp_path_factory):
     """Each example as a module of the package, and its row in the table; both go again."""
-    tables = {name: dict(value) for name, value in vars(names).items() if name.isupper() and isinstance(value, dict)}
+    tables = {n: type(v)(v) for n, v in vars(names).items() if n.isupper() and isinstance(v, dict | set)}
     rules = dict(averages.PHASE_RULES)
     for place, text in FILES.items():
         if (PAGE.parent / place).exists():  # a function that joins others

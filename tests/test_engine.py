@@ -124,7 +124,7 @@ def test_the_self_consistent_wave_gives_the_measured_velocity(a: complex, b: com
     """(1 - a) X - b X* = V for the wave behind R, whatever V."""
     velocity = torch.tensor(size * complex(math.cos(psi), math.sin(psi)), dtype=torch.complex128)
     mean, turned = torch.tensor(a, dtype=torch.complex128), torch.tensor(b, dtype=torch.complex128)
-    found = self_consistent(mean, turned, velocity=velocity, held=torch.tensor(True))
+    found = self_consistent(mean, turned, velocity=velocity)
     wave = ((1 - mean).conj() * velocity + turned * velocity.conj()) / ((1 - mean).abs() ** 2 - turned.abs() ** 2)
     assert complex((1 - mean) * wave - turned * wave.conj()) == pytest.approx(complex(velocity), abs=1e-9)
     assert complex(found) == pytest.approx(complex(mean + turned * wave.conj() / wave), abs=1e-9)

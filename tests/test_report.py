@@ -1,6 +1,6 @@
 """Answers of results; numbers behind the figures; that the drawings carry axes and units."""
 
-import matplotlib
+import matplotlib.figure
 import numpy as np
 import pytest
 from conftest import DATA, FREQUENCY, plane_of, turbulence

@@ -140,7 +140,7 @@ def frequency_tensor(frequency: Any, sampling_rate: float | None = None, *, reco
     if frequency is None and record is not None:
         frequency = record.frequency
         if frequency is None:
-            raise ValueError(f"{record.name} states no frequency; give frequency=..., in Hz")
+            raise ValueError(f"{record.name} states no frequency; give frequency=... (--frequency), in Hz")
     wanted = real_tensor(frequency, name="frequency (Hz)").reshape(-1)
     if wanted.numel() == 0:
         raise ValueError("no frequency is given; name at least one, in Hz")

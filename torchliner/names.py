@@ -36,6 +36,7 @@ PHASES = {  # of the incident tone relative to v; the rules: velocity.averages.P
     "self-consistent": "from v's own part at the tone",
     "given": "stated by reference_phase",
 }
+UNHEARD = {"averaged", "given"}  # of these: rules that need no tone in v
 
 # Records and liners.
 FLOW_PROFILES = ("uniform", "tanh", "parabolic")  # stated by numbers

@@ -23,7 +23,7 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.liners.plates import goodrich_of
-from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, __version__
+from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, UNHEARD, __version__
 from torchliner.pressure.spectra import tone_amplitudes, window_weights
 from torchliner.records import BurstRecord, ImpedanceLine, VelocityPlane
 from torchliner.velocity.averages import PHASE_RULES
@@ -122,14 +122,14 @@ def educe_station(
     start = signal.start + hop * torch.arange(count, dtype=torch.float64) / signal.rate
     a, b, velocity, known, model_error = segment_means(plane, liner, wanted, choices, own.window)
     coherence, turns = known.survey.coherence(wanted).cpu(), torch.exp(-2j * torch.pi * torch.outer(start, wanted))
-    held = (coherence >= choices.minimum_coherence) | (choices.phase != "self-consistent")
+    held = (coherence >= choices.minimum_coherence) | (choices.phase in UNHEARD)
     reviewed = (*known.notes, *fallen_back(held, choices))
     vertical = station.moments.components["wall_normal"]
     numbers = {axis: math.nan if (value := getattr(record, axis)) is None else float(value) for axis in "xyz"}
     numbers |= {"mean_velocity": vertical.weighted_mean, "velocity_rms": vertical.weighted_rms}
     numbers |= {"rate": signal.mean_rate, "grid_rate": signal.rate, "longest_gap": gap}
     tensors: dict[str, Any] = {
-        "reflection": PHASE_RULES[choices.phase](a, b, velocity=velocity, held=held),
+        "reflection": torch.where(held, PHASE_RULES[choices.phase](a, b, velocity=velocity), a),
         "segment_start": start,
         "velocity_amplitude": 2 * (velocity * turns).mean(0),
         "coherence": coherence.mean(0),

@@ -197,7 +197,7 @@ class Parser(argparse.ArgumentParser):
             message += did_you_mean(wrong[1], [word.strip(" '") for word in wrong[2].split(",")])
         if extra := re.match(r"unrecognized arguments: (.*)", message, re.DOTALL):
             known = [*self._option_string_actions]
-            words = [word + did_you_mean(word.split("=")[0], known) for word in extra[1].split()]
+            words = [w + did_you_mean(w.split("=")[0], known) * w.startswith("-") for w in extra[1].split()]
             message = f"unknown option or argument: {', '.join(words)}"
         print(f"{self.prog}: {message}\nSee {self.prog} --help", file=sys.stderr)
         sys.exit(BAD_INPUT)

@@ -27,6 +27,7 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.sums import in_order, is_differentiated
 from torchliner.engine.survey import Survey
 from torchliner.liners.model import LinerModel, reflection_of
+from torchliner.names import UNHEARD
 from torchliner.records import VelocityPlane
 from torchliner.records.educed import Educed, Interval
 from torchliner.velocity.choices import Choices
@@ -44,9 +45,9 @@ def given(a: Tensor, b: Tensor, *, phase: Tensor, **_: Any) -> Tensor:
     return a + b * torch.exp(-2j * phase)
 
 
-def self_consistent(a: Tensor, b: Tensor, *, velocity: Tensor, held: Tensor, **_: Any) -> Tensor:
+def self_consistent(a: Tensor, b: Tensor, *, velocity: Tensor, **_: Any) -> Tensor:
     r"""The wave whose replayed reflection gives the tone in v itself: V, half the complex peak amplitude of v into the
-    liner at f, m/s, (..., N, F). Where v is not coherent with the tone, ``held``, the rule falls back to ``averaged``.
+    liner at f, m/s, (..., N, F).
 
     :math:`(1 - a) X - b X^* = V` has the solution :math:`X = [(1 - a)^* V + b V^*]/(|1 - a|^2 - |b|^2)`; iterating
     for X fails at high |v|.
@@ -54,7 +55,7 @@ def self_consistent(a: Tensor, b: Tensor, *, velocity: Tensor, held: Tensor, **_
     wave = (1 - a).conj() * velocity + b * velocity.conj()
     wave = wave / ((1 - a).abs().square() - b.abs().square())
     wave = torch.where(wave == 0, torch.ones_like(wave), wave)
-    return torch.where(held, a + b * wave.conj() / wave, a)
+    return a + b * wave.conj() / wave
 
 
 PHASE_RULES: dict[str, Callable[..., Tensor]] = {
@@ -88,7 +89,7 @@ def average(
     """R of probes, cells and liner under one averaging, on the device of the moments; nothing is read back."""
     plane, seen, cells, lengths = known.plane, known.survey, known.membership, known.survey.lengths
     device, liner, locked, wall, phase = lengths.device, liner.in_flow(plane.mach), known.locked, None, None
-    heard, of_cells = chosen.phase not in ("averaged", "given"), averaging == "velocity"  # from the tone in v
+    heard, of_cells = chosen.phase not in UNHEARD, averaging == "velocity"  # from the tone in v
     if chosen.wall_filter is not None:
         wall = (seen.coherence(frequency) < chosen.wall_filter) & cells.used[:, None]
     held = torch.ones(cells.count if of_cells else plane.probes, len(frequency), dtype=torch.bool, device=device)
@@ -133,7 +134,8 @@ def average(
             b = (cosine - 1j * sine).transpose(1, 2) - own_waves * a
         tone = -seen.tone(frequency, every=bars, columns=part) / 2 if heard else None
         own = None if phase is None else phase[part]
-        found = PHASE_RULES[chosen.phase](a, b, velocity=tone, held=held[part], phase=own)
+        found = PHASE_RULES[chosen.phase](a, b, velocity=tone, phase=own)
+        found = torch.where(held[part], found, a) if heard else found  # ``averaged`` where v is not coherent
         if averaging == "phase-locked" and locked is not None and locked.scale is not None:
             # The record's own level of turbulence, which varies from block to block, was replaced by a stated one.
             found = torch.cat([found[:1], found[:1] + (found[1:] - found[:1]) / locked.scale[part, None]])

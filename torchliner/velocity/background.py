@@ -111,8 +111,7 @@ def _measured(
             text = f"background {about.name} holds the tone of {tone:g} Hz (squared coherence {found:.2g}, noise has "
             raise ValueError(f"{text}{limit:.2g} in {100 * FALSE_ALARM:g} % of records); {REMEDY}")
     rms = members.mean(incoherent_square(seen, members)).sqrt().tolist()
-    if cells.count < whole.count:  # the plane may have lost others
-        rms = [sum(rms) / len(rms)]
+    rms = rms if cells.count == whole.count else [sum(rms) / len(rms)]  # the plane may have lost others
     return Background(tuple(rms), (about.name,), about.height)
 
 

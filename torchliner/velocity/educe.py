@@ -13,7 +13,7 @@ from torchliner.engine.sums import reduce
 from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.plates import goodrich_of
-from torchliner.names import __version__
+from torchliner.names import UNHEARD, __version__
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
 from torchliner.velocity import review
@@ -173,7 +173,7 @@ def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choice
     needed = []
     if chosen.phase != "averaged":
         needed.append((f"the line of phase {chosen.phase!r}", known.turns / 2))
-    if chosen.wall_filter is not None or chosen.phase == "self-consistent":
+    if chosen.wall_filter is not None or chosen.phase not in UNHEARD:
         needed.append(("the coherence of v with the tone", known.survey.lines))
     for what, lines in needed:
         for f in (f for f in frequency.tolist() if index_of_frequency(lines, f) is None):

@@ -14,6 +14,7 @@ from torchliner.engine.nodes import Levels, interpolation_error
 from torchliner.engine.survey import coherence_by_chance
 from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
+from torchliner.names import UNHEARD
 from torchliner.records import VelocityPlane
 from torchliner.records.educed import Educed
 from torchliner.records.notes import Note, plane_notes
@@ -118,8 +119,8 @@ def review_sound(
     if coherence <= (limit := coherence_by_chance(max(count, 3), CHANCE)):
         text = f"{name}: v holds no tone of {float(tested[0]):g} Hz that can be told from noise: its squared coherence "
         text += f"over {count} blocks is {coherence:.2g}, noise reaches {limit:.2g} in {100 * CHANCE:g} % of records"
-        if chosen.phase == "self-consistent":
-            raise ValueError(f"{text}; phase 'self-consistent' needs one: choose phase='averaged'")
+        if chosen.phase not in UNHEARD:
+            raise ValueError(f"{text}; phase {chosen.phase!r} needs one: choose phase='averaged' (--phase averaged)")
         stated = plane.incident_level is not None and plane.source_side not in ("none", "unknown")
         if quiet is not None or stated:  # there is sound for all that: the averaging stays
             notes.append(Note("hidden-tone", f"{text}; the phase-locked velocity is mostly noise"))
@@ -150,9 +151,9 @@ def review_sound(
 
 
 def fallen_back(held: Tensor, chosen: Choices) -> list[Note]:
-    """How many values the phase rule ``self-consistent`` could not hold, bool (P, F)."""
+    """How many values a phase rule that needs a tone in v could not hold, bool (P, F)."""
     text = f"{int((~held).sum())} of {held.numel()} values have a coherence below {chosen.minimum_coherence:g}"
-    text = f"self-consistent phase: {text} with the tone; they are 'averaged' instead"
+    text = f"{chosen.phase} phase: {text} with the tone; they are 'averaged' instead"
     return [] if bool(held.all()) else [Note("phase-fell-back", text)]
 
 
@@ -180,7 +181,7 @@ def review_answer(
         for f, found in zip(frequency.tolist(), paper.wall.sum(0).tolist(), strict=True):
             text = f"{name}: {found} of {total} probes ({100 * found / total:.3g} %) are wall at {f:g} Hz"
             notes.append(Note("wall-filter", f"{text}; without any tone {by_chance:.2g} % would pass the filter"))
-    if chosen.phase == "self-consistent":
+    if chosen.phase not in UNHEARD:
         notes += fallen_back(paper.held, chosen)
     if chosen.interval is not None and blocks.count < FEWEST_BLOCKS:
         text = f"{name}: no error bars from {blocks.periods} whole periods; {FEWEST_BLOCKS} are the least, 16 are fair"
