@@ -14,5 +14,7 @@ addEventListener("DOMContentLoaded", () => {
     document.querySelector("article")?.prepend(heading);
   }
   // Wide tables and code scroll within the page: with the keyboard, too.
-  each("pre, .table-wrapper", (node) => (node.scrollWidth > node.clientWidth ? (node.tabIndex = 0) : null));
+  each("pre, .table-wrapper", (node) => {
+    if (node.scrollWidth > node.clientWidth || node.scrollHeight > node.clientHeight) node.tabIndex = 0;
+  });
 });
