@@ -9,12 +9,12 @@ filter, fitted by least squares to R on a band.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from torchliner.checks import make_plain, require_choice, require_positive
+from torchliner.engine.nodes import lagrange
 from torchliner.engine.sums import is_differentiated, one_thread
 from torchliner.liners.model import Liner, LinerModel, reflection_of
 from torchliner.names import INTERPOLATIONS, KERNELS, SPACINGS
@@ -72,9 +72,7 @@ class VelocityGrid:
         place = share * (self.levels - 1)
         nodes = STENCILS[self.interpolation]
         base = place.detach().floor().clamp(-nodes[0], self.levels - 1 - nodes[-1]).nan_to_num(-nodes[0])
-        away = {node: place - base - node for node in nodes}
-        weights: list[Any] = [math.prod(away[j] / (i - j) for j in nodes if j != i) for i in nodes]  # of Lagrange
-        return base.to(torch.int64) + nodes[0], weights
+        return base.to(torch.int64) + nodes[0], lagrange(place - base, nodes)
 
 
 def interpolate(table: Tensor, index: Tensor, weights: Sequence[Tensor]) -> Tensor:

@@ -11,7 +11,7 @@ or more are open. ``Levels`` serves tables, whose R has a kink at each of their 
 import importlib
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -57,6 +57,11 @@ def torch_sums(weights: Tensor, columns: Tensor, count: int, centre: float) -> T
             torch.bmm(weights, now, out=each[k])
         found[..., left : left + tile] = each.permute(1, 2, 0, 3)
     return found * (1 - 2 * (torch.arange(count, device=found.device) // 2 % 2))[:, None]
+
+
+def lagrange(place: Tensor, nodes: Sequence[int]) -> list[Any]:
+    """Weight of the value at each node in the polynomial through all of them, at a place between."""
+    return [math.prod((place - j) / (i - j) for j in nodes if j != i) for i in nodes]
 
 
 @dataclass(frozen=True)
@@ -123,8 +128,7 @@ class Levels:
         t = torch.where(speed > ends[-1] * (1 + ROUNDED), torch.nan, place - first)
         index = self.parts * step + first.to(torch.int64)
         found = torch.zeros(len(weights), weights.shape[1], self.count, columns.shape[2], device=speed.device).double()
-        for i in range(4):
-            share: Any = math.prod((t - other) / (i - other) for other in range(4) if other != i)
+        for i, share in enumerate(lagrange(t, range(4))):
             for row in range(weights.shape[1]):
                 found[:, row].scatter_add_(1, index + i, share * weights[:, row, :, None])
         return found
@@ -153,7 +157,7 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
     frequencies in Hz, (F,), the most where none are enough: ``Levels`` for tables over |v|, else ``Chebyshev`` with the
     best centre."""
     top = TOP_SPEED
-    candidates: Iterable[Nodes] = (_best_centre(count, liners, frequency) for count in COUNTS)
+    candidates: Iterable[Nodes] = _centred(liners, frequency)
     if ends := [liner.speed_max for liner in liners if liner.speed_max is not None]:
         top = min(ends)
         kinks = {kink for liner in liners for kink in liner.speed_kinks if kink < top}
@@ -166,16 +170,19 @@ def choose_nodes(liners: Sequence[LinerModel], frequency: Tensor, tolerance: flo
     return best
 
 
-def _best_centre(count: int, liners: Sequence[LinerModel], frequency: Tensor) -> Chebyshev:
-    """So many nodes, with that of ``CENTRES`` from which R is known best."""
+def _centred(liners: Sequence[LinerModel], frequency: Tensor) -> Iterator[Chebyshev]:
+    """More and more nodes, each number with that of ``CENTRES`` from which R is known best."""
     asked = frequency[:, None]
     if len(asked) > MOST_ASKED:
         asked = asked.sort(0).values[torch.linspace(0, len(asked) - 1, MOST_ASKED).round().to(torch.int64)]
     speed = TOP_SPEED * torch.linspace(0, 1, FIRST_CHECKED, dtype=torch.float64) ** 3
-    unit, centres = Chebyshev(count, 1.0), torch.tensor(CENTRES, dtype=torch.float64)[:, None]
-    speeds = centres * unit.speeds  # (C, K), all centres at once
-    wanted, values = (torch.cat([reflection_of(each, asked, v) for each in liners]) for v in (speed, speeds.flatten()))
-    angle = ((speed - centres) / (speed + centres)).acos()
-    functions = torch.cos(angle[:, :, None] * torch.arange(count)).to(values)  # T_k, (C, V, K)
-    found = torch.einsum("fck,cvk->fcv", unit.coefficients(values.unflatten(1, speeds.shape)), functions)
-    return Chebyshev(count, CENTRES[int((found - wanted[:, None]).abs().amax((0, 2)).argmin())])
+    centres = torch.tensor(CENTRES, dtype=torch.float64)[:, None]
+    wanted = torch.cat([reflection_of(liner, asked, speed) for liner in liners])[:, None]
+    angle = ((speed - centres) / (speed + centres)).acos()[:, :, None]
+    for count in COUNTS:  # all centres at once, (C, K)
+        unit = Chebyshev(count, 1.0)
+        speeds = centres * unit.speeds
+        values = torch.cat([reflection_of(liner, asked, speeds.flatten()) for liner in liners])
+        functions = torch.cos(angle * torch.arange(count)).to(values)  # T_k, (C, V, K)
+        found = torch.einsum("fck,cvk->fcv", unit.coefficients(values.unflatten(1, speeds.shape)), functions)
+        yield Chebyshev(count, CENTRES[int((found - wanted).abs().amax((0, 2)).argmin())])
