@@ -23,7 +23,7 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.nodes import choose_nodes, interpolation_error
 from torchliner.liners.model import LinerModel, reflection_of
 from torchliner.liners.plates import goodrich_of
-from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, UNHEARD, __version__
+from torchliner.names import CORRECTIONS, FLAGGED, GRID_METHODS, STATION_WINDOWS, __version__
 from torchliner.pressure.spectra import tone_amplitudes, window_weights
 from torchliner.records import BurstRecord, ImpedanceLine, VelocityPlane
 from torchliner.velocity.averages import PHASE_RULES
@@ -122,7 +122,7 @@ def educe_station(
     start = signal.start + hop * torch.arange(count, dtype=torch.float64) / signal.rate
     a, b, velocity, known, model_error = segment_means(plane, liner, wanted, choices, own.window)
     coherence, turns = known.survey.coherence(wanted).cpu(), torch.exp(-2j * torch.pi * torch.outer(start, wanted))
-    held = (coherence >= choices.minimum_coherence) | (choices.phase in UNHEARD)
+    held = (coherence >= choices.minimum_coherence) | (not choices.hears_tone)
     reviewed = (*known.notes, *fallen_back(held, choices))
     vertical = station.moments.components["wall_normal"]
     numbers = {axis: math.nan if (value := getattr(record, axis)) is None else float(value) for axis in "xyz"}

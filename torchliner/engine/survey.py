@@ -15,6 +15,7 @@ from torchliner.records.cells import Cells
 SAME = 1e-9  # relative: closer lines are one
 HARMONICS = 8
 STEADY = 1e-18  # of the mean square: less than rounding
+ROUNDING = 1e-12  # of the mean square, in a variance
 
 
 def lines_of(tone: float | None, sampling_rate: float, asked: Tensor | None = None) -> tuple[Tensor, int]:
@@ -110,6 +111,11 @@ class Survey:
             rms=(square - mean**2).clamp(min=0).sqrt(),
             peak=self.peaks.amax(0),
         )
+
+    @property
+    def constant(self) -> Tensor:
+        """Where v does not change, but for rounding, bool, (P,)."""
+        return self.mean_square - self.mean**2 <= ROUNDING * self.mean_square
 
     def line_sums(self, frequency: Tensor, columns: slice = slice(None)) -> tuple[Tensor, Tensor]:
         """Sums of v e^{-j omega t}, complex128, (S, n, F), nan where not measured, and of e^{-j omega t}, (S, F)."""

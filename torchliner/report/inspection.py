@@ -39,7 +39,7 @@ def inspect_plane(plane: VelocityPlane) -> Inspection:
     sums, faulty = reduce(PlaneRecord(plane, torch.float64, host), blocks, jobs)
     seen, faults, failures = survey_of(sums, blocks, tone, 0), faulty.sum((0, 1, 2)), list[str]()
     good = faults == 0
-    still = good & (seen.mean_square - seen.mean**2 <= 1e-12 * seen.mean_square)
+    still = good & seen.constant
     if not bool(good.all()):
         probe = int((faults > 0).nonzero()[0])
         failures.append(

@@ -27,7 +27,6 @@ from torchliner.engine.moments import Moments
 from torchliner.engine.sums import in_order, is_differentiated
 from torchliner.engine.survey import Survey
 from torchliner.liners.model import LinerModel, reflection_of
-from torchliner.names import UNHEARD
 from torchliner.records import VelocityPlane
 from torchliner.records.educed import Educed, Interval
 from torchliner.velocity.choices import Choices
@@ -79,17 +78,12 @@ class Averages:
 
 
 def average(
-    known: Moments,
-    liner: LinerModel,
-    frequency: Tensor,
-    chosen: Choices,
-    averaging: str,
-    reference_phase: Any = None,
+    known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choices, averaging: str, reference_phase: Any = None
 ) -> Averages:
     """R of probes, cells and liner under one averaging, on the device of the moments; nothing is read back."""
     plane, seen, cells, lengths = known.plane, known.survey, known.membership, known.survey.lengths
     device, liner, locked, wall, phase = lengths.device, liner.in_flow(plane.mach), known.locked, None, None
-    heard, of_cells = chosen.phase not in UNHEARD, averaging == "velocity"  # from the tone in v
+    heard, of_cells = chosen.hears_tone, averaging == "velocity"
     if chosen.wall_filter is not None:
         wall = (seen.coherence(frequency) < chosen.wall_filter) & cells.used[:, None]
     held = torch.ones(cells.count if of_cells else plane.probes, len(frequency), dtype=torch.bool, device=device)

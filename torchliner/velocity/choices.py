@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from torchliner.checks import make_plain, require_choice, require_positive
-from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES
+from torchliner.names import AVERAGINGS, DRIVES, DTYPES, MEANS, MISSING, PHASES, UNHEARD
 
 NAMED = {"averaging": AVERAGINGS, "phase": PHASES, "drive": DRIVES, "mean": MEANS, "missing": MISSING}
 RANGES = {
@@ -85,6 +85,11 @@ class Choices:
             if self.drive != "running-rms":
                 raise ValueError(f"running_window is only used with drive='running-rms', not {self.drive!r}")
         self.working(torch.empty(0, dtype=torch.float64))
+
+    @property
+    def hears_tone(self) -> bool:
+        """Whether the phase rule needs the tone in v."""
+        return self.phase not in UNHEARD
 
     def working(self, velocity: Any) -> tuple[torch.device, torch.dtype]:
         """Device and precision that were asked for, else those of the data; the CPU for data in a file."""

@@ -13,7 +13,7 @@ from torchliner.engine.sums import reduce
 from torchliner.io.plane_parts import named_planes
 from torchliner.liners.model import Liner, LinerModel, as_liner
 from torchliner.liners.plates import goodrich_of
-from torchliner.names import UNHEARD, __version__
+from torchliner.names import __version__
 from torchliner.records import ImpedanceMap, VelocityPlane
 from torchliner.records.origin import origin_of
 from torchliner.velocity import review
@@ -139,13 +139,7 @@ def answer(
     chief = found[answered].liner
     error, doubts = review.review_answer(known, liner, found["admittance"], chief, frequency, chosen)
     check, words, failures = check_level(known, frequency, found, chosen, answered, pressure)
-    notes = [
-        *review.review_case(plane, liner, frequency),
-        *known.notes,
-        *heard,
-        *doubts,
-        *failures,
-    ]
+    notes = [*review.review_case(plane, liner, frequency), *known.notes, *heard, *doubts, *failures]
     facts = facts_of(known, liner, chosen, error, pressure, reference_phase)
     facts |= {"averaging": answered, "level_check": words, **of_sound}
     about: dict[str, Any] = {"averaging": answered, "choices": facts, "level_check": check}
@@ -173,7 +167,7 @@ def fitting(known: Moments, liner: LinerModel, frequency: Tensor, chosen: Choice
     needed = []
     if chosen.phase != "averaged":
         needed.append((f"the line of phase {chosen.phase!r}", known.turns / 2))
-    if chosen.wall_filter is not None or chosen.phase not in UNHEARD:
+    if chosen.wall_filter is not None or chosen.hears_tone:
         needed.append(("the coherence of v with the tone", known.survey.lines))
     for what, lines in needed:
         for f in (f for f in frequency.tolist() if index_of_frequency(lines, f) is None):
@@ -228,7 +222,6 @@ def facts_of(
     facts: dict[str, Any] = {
         "version": __version__,
         **chosen.describe(),
-        "running_window": known.settings["running_window"],
         "liner": liner.describe(),
         "sampling_rate": plane.sampling_rate,
         "samples": plane.samples,

@@ -20,7 +20,6 @@ from torchliner.engine.nodes import ANY_LINER, Nodes, choose_nodes
 from torchliner.engine.sums import Job, PlaneRecord, Record, is_differentiated, reduce, square
 from torchliner.engine.survey import Membership, Survey, lines_of, survey_of, survey_sums
 from torchliner.liners.model import LinerModel, reflection_of
-from torchliner.names import UNHEARD
 from torchliner.records import VelocityPlane
 from torchliner.records.cells import sort_into_cells
 from torchliner.records.origin import state_of
@@ -146,7 +145,7 @@ def reading_of(
             onto = torch.cat([known.real, known.imag]).to(device)
 
     lines, harmonics = lines_of(plane.frequency or (float(asked[0]) if len(asked) == 1 else None), rate, asked)
-    coherent = chosen.wall_filter is not None or chosen.phase not in UNHEARD  # needs all lines
+    coherent = chosen.wall_filter is not None or chosen.hears_tone  # needs all lines
     if 8 * MOST_BLOCKS * (1 + 2 * len(lines)) * probes > MOST_OF_LINES and not coherent:
         lines = lines[:harmonics]
     cells, used = sort_into_cells(plane, pitch), torch.ones(probes, dtype=torch.bool)

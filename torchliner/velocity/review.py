@@ -14,7 +14,6 @@ from torchliner.engine.nodes import Levels, interpolation_error
 from torchliner.engine.survey import coherence_by_chance
 from torchliner.fluid import gas_warnings
 from torchliner.liners.model import LinerModel
-from torchliner.names import UNHEARD
 from torchliner.records import VelocityPlane
 from torchliner.records.educed import Educed
 from torchliner.records.notes import Note, plane_notes
@@ -35,16 +34,16 @@ TONAL = 0.1  # share of the variance of v in step with the tone, above which Z e
 def review_case(plane: VelocityPlane, liner: LinerModel, frequency: Tensor) -> Iterator[Note]:
     """Null tests, units, the sampling rate against the frequencies asked for; whether liner and data state the same
     gas, flow and lengths, and whether flow would count twice."""
-    name, highest, twice = plane.name, float(frequency.max()), liner.flow_resistance
+    name, highest, added = plane.name, float(frequency.max()), liner.flow_resistance
     if plane.liner == "hard wall":
         yield Note("null-test", f"null test: {name}: there is a hard wall below and no liner")
     yield from plane_notes(plane, float(frequency.min()), liner.cell_pitch)
     if (steps := plane.sampling_rate / highest) < FEWEST_SAMPLES_PER_PERIOD:
         text = f"{name} has {steps:.3g} samples per period of {highest:g} Hz, fewer than {FEWEST_SAMPLES_PER_PERIOD:g}"
         yield Note("coarse-sampling", f"{text}: the corners of |v| are not resolved")
-    if twice > 0:
-        text = f"{name}: the liner adds {twice:.3g} rho c for flow that |v| holds already; set its mach to 0"
-        yield Note("flow-counted-twice", text, twice)
+    if added > 0:
+        text = f"{name}: the liner adds {added:.3g} rho c for flow that |v| holds already; set its mach to 0"
+        yield Note("flow-counted-twice", text, added)
     if liner.lacks_mach and plane.mach is None:
         yield Note("no-mach", f"neither the liner nor {name} states a Mach number: 0 is taken; state mach (--mach)")
     if liner.fluid is not None:
@@ -72,7 +71,7 @@ def review_moments(plane: VelocityPlane, known: Moments, cells: int) -> Iterator
         raise ValueError(f"{name}: |v| = {peak:.4g} m/s is beyond the speed of sound, {sound:.4g} m/s; check the unit")
     if excluded := int((~used).sum()):
         yield Note("excluded-probes", f"{name}: {excluded} of {probes} probes hold nan or inf; excluded")
-    flat = (square - mean**2 <= 1e-12 * square) & used
+    flat = seen.constant.cpu() & used
     if bool(flat.any()) and (not bool(flat[used].all()) or not bool(square[used].any())):
         text = f"{name}: {int(flat.sum())} of {probes} probes are constant, the first at index {int(flat.nonzero()[0])}"
         yield Note("constant-probes", text)
@@ -119,7 +118,7 @@ def review_sound(
     if coherence <= (limit := coherence_by_chance(max(count, 3), CHANCE)):
         text = f"{name}: v holds no tone of {float(tested[0]):g} Hz that can be told from noise: its squared coherence "
         text += f"over {count} blocks is {coherence:.2g}, noise reaches {limit:.2g} in {100 * CHANCE:g} % of records"
-        if chosen.phase not in UNHEARD:
+        if chosen.hears_tone:
             raise ValueError(f"{text}; phase {chosen.phase!r} needs one: choose phase='averaged' (--phase averaged)")
         stated = plane.incident_level is not None and plane.source_side not in ("none", "unknown")
         if quiet is not None or stated:  # there is sound for all that: the averaging stays
@@ -181,8 +180,7 @@ def review_answer(
         for f, found in zip(frequency.tolist(), paper.wall.sum(0).tolist(), strict=True):
             text = f"{name}: {found} of {total} probes ({100 * found / total:.3g} %) are wall at {f:g} Hz"
             notes.append(Note("wall-filter", f"{text}; without any tone {by_chance:.2g} % would pass the filter"))
-    if chosen.phase not in UNHEARD:
-        notes += fallen_back(paper.held, chosen)
+    notes += fallen_back(paper.held, chosen)
     if chosen.interval is not None and blocks.count < FEWEST_BLOCKS:
         text = f"{name}: no error bars from {blocks.periods} whole periods; {FEWEST_BLOCKS} are the least, 16 are fair"
         notes.append(Note("no-intervals", text))
