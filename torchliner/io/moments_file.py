@@ -27,6 +27,7 @@ from torchliner.records.notes import Note
 STEM = "torchliner moments "
 SQUARES = "square of cells"  # among the sums of ``Moments``
 WEIGHED = ("block", "turn_row", "node")
+FIELDS = {name: f"{name.replace('-', '_')}_sums" for name in AVERAGINGS}  # of ``Stored``, by averaging
 PRECISIONS = {"float32": torch.float32, "float64": torch.float64}
 # Fields of ``Stored`` by what holds them in memory, too.
 OF_MOMENTS = ("nodes", "settings", "cell_pitch", "cells", "used", "notes")
@@ -93,8 +94,8 @@ class Stored:
     @property
     def weighed(self) -> dict[str, str]:
         """By averaging, the field with the sums of the nodes' functions; none with drive ``rms``."""
-        held = [*AVERAGINGS][: 0 if self.nodes is None else 2 + self.locks]
-        return {name: f"{name.replace('-', '_')}_sums" for name in held}
+        held = [*FIELDS][: 0 if self.nodes is None else 2 + self.locks]
+        return {name: FIELDS[name] for name in held}
 
 
 def _some(owner: Any, names: Sequence[str]) -> dict[str, Any]:
@@ -111,7 +112,7 @@ def write_moments(known: Moments, path: str | Path) -> None:
     about |= _some(plane, ("start", "area")) | _some(known, OF_MOMENTS) | _some(known.survey, OF_SURVEY)
     about |= _some(known.locked, OF_DRIVE) if known.locked else {}
     about |= {"turns": known.turns if len(known.turns) else None, "cell_square_sums": sums.pop(SQUARES)[:, 0, 0]}
-    about |= {f"{name.replace('-', '_')}_sums": each for name, each in sums.items()}
+    about |= {FIELDS[name]: each for name, each in sums.items()}
     with new_file(path) as file:
         fill(file, plane, unsaid=("velocity", "area"))
         fill(file, Stored(**about))

@@ -128,14 +128,23 @@ def write_row(group: h5netcdf.Group, row: Variable, value: Any, axes: Axes | Non
     if dims[-1:] == ["time"]:
         dims, values = ["time", *dims[:-1]], np.moveaxis(values, -1, 0)
     values = values if dims else values.reshape(()).astype(np.result_type(values, np.float64))
-    sizes = zip(dims, values.shape, strict=True)
-    group.dimensions.update({dim: count for dim, count in sizes if dim not in group.dimensions})
+    make_dimensions(group, row.field, dims, values.shape)
     parts = (values,) if len(row.names) == 1 else (values.real, values.imag)
     for (name, text), part in zip(row.parts.items(), parts, strict=True):
         kind = h5py.string_dtype() if row.kind == "text" else part.dtype
         variable = group.create_variable(name, dims, kind, data=part)
         units = {} if row.kind == "text" else {"units": row.unit}
         set_texts(variable, **units, **({"long_name": text} if text else {}), **row.attributes)
+
+
+def make_dimensions(group: h5netcdf.Group, field: str, dims: Sequence[str], shape: Sequence[int]) -> None:
+    """Those that a field needs and the group lacks; one of another length is a ValueError."""
+    for dim, count in zip(dims, shape, strict=True):
+        known = group.dimensions[dim].size if dim in group.dimensions else count
+        if known != count:
+            raise ValueError(f"{field} has {count} values along {dim}, of which the record has {known}")
+        if dim not in group.dimensions:
+            group.dimensions[dim] = count
 
 
 def write_times(group: h5netcdf.Group, record: Any) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from torchliner.io.own_writer import fill, in_memory, set_texts, write_row, write_times
+from torchliner.io.own_writer import fill, in_memory, make_dimensions, set_texts, write_row, write_times
 from torchliner.io.whole_file import HDF5, written_whole
 from torchliner.records import VelocityPlane
 from torchliner.records.declared import Variable, table_of
@@ -75,8 +75,8 @@ def reflected_file(
 
 def _announce(file: h5netcdf.File, row: Variable, dims: Sequence[str], shape: Sequence[int], kind: torch.dtype) -> int:
     """A variable without its values yet, and the bytes that they will take."""
-    stored, sizes = np.dtype(np.float32 if kind == torch.float32 else np.float64), zip(dims, shape, strict=True)
-    file.dimensions.update({dim: count for dim, count in sizes if dim not in file.dimensions})
+    stored = np.dtype(np.float32 if kind == torch.float32 else np.float64)
+    make_dimensions(file, row.field, dims, shape)
     set_texts(file.create_variable(row.names[0], dims, stored), units=row.unit, **row.attributes)
     return math.prod(shape) * stored.itemsize
 
