@@ -11,6 +11,7 @@ from conftest import turbulence
 
 import torchliner as tl
 from torchliner.io.microphone_file import read_microphones
+from torchliner.pressure import spectra
 from torchliner.pressure.spectra import reject_flow_noise
 from torchliner.pressure.waves import equal_spacing
 from torchliner.records import MicrophoneLine
@@ -181,12 +182,17 @@ def test_tones_come_back_with_the_phase_of_the_reference():
     assert float((coherence - 1).abs().max()) < 1e-9
 
 
-def test_overlapping_segments_count_as_fewer_independent_ones():
+def test_overlapping_segments_count_as_fewer_independent_ones(monkeypatch):
     """15 that overlap by half as 11.4, under Hann's window: what noise reaches once in a hundred times says it."""
-    line = line_of(places=PLACES[:6], frequency=(1500.0,))
+    line, counts = line_of(places=PLACES[:6], frequency=(1500.0,)), []
+    known = spectra.coherence_by_chance
+    monkeypatch.setattr(
+        spectra, "coherence_by_chance", lambda count, chance: counts.append(count) or known(count, chance)
+    )
     pressure, reference = signals_of(line, 8000, noise=40.0)
     with pytest.warns(tl.DataWarning, match=f"below {1 - 0.01 ** (1 / (11.44 - 1)):.2g} in 6 of 6 values"):
         reject_flow_noise(pressure, reference, line.frequency, RATE)
+    assert counts == pytest.approx([15 / (1 + 2 * 14 / 15 / 6)], abs=1e-9)  # rho = 1/6 of Hann's window and its half
 
 
 def test_flow_noise_is_rejected_and_its_error_predicted():

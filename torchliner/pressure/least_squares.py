@@ -21,10 +21,10 @@ SMALLEST = 1e-30  # of the diagonal: an unknown that changes nothing
 ROUNDING = 1e-13  # of a cost, by which a step may raise it
 SETTLED = 1e-6  # size of a step that may be left where a search ended otherwise
 
-
 # Problems at their places, leading axes (B, ...): residual r (B, ..., R), Jacobian J (B, ..., R, U), and the amplitudes
 # c (B, ..., K) that were solved for at each place.
 System = tuple[Tensor, Tensor, Tensor]
+Move = Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor | bool]]  # of places, steps and numbers of problems
 
 
 class Minimum(NamedTuple):
@@ -71,10 +71,7 @@ def project(columns: Tensor, slopes: Tensor, target: Tensor) -> System:
 def least_squares(
     system: Callable[[Tensor, Tensor], System],
     start: Tensor,
-    move: Callable[[Tensor, Tensor, Tensor], tuple[Tensor, Tensor | bool]] = lambda place, step, _: (
-        place + step,
-        True,
-    ),
+    move: Move = lambda place, step, _: (place + step, True),
     *,
     tolerance: float = 1e-10,
     longest: float = 0.3,

@@ -31,6 +31,7 @@ EQUAL_SPACING = 5e-3  # of the mean spacing
 STEP = 1e-4  # of the errors' unit; the slope of Z errs by its square
 RANK = 2
 ROUNDING = 1e-14  # of the first singular value: what a signal without noise leaves
+SIGNALS = 1 << 14  # solved at once, 4 kB each: draws of many frequencies are not held whole
 
 
 def equal_spacing(line: MicrophoneLine) -> float:
@@ -135,8 +136,7 @@ def educe_waves(
         slope = torch.view_as_real((ahead - behind) / (2 * STEP))
         # Half of the complex variance belongs to each part.
         variance = result.residual.square() * count / (2 * spare)
-        covariance = variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope)
-        result = replace(result, covariance=covariance)
+        result = replace(result, covariance=variance[:, None, None] * torch.einsum("dfi,dfj->fij", slope, slope))
     result = errors.with_draws(result, pressure, freedom, record_of)
     notes = wave_notes(result, freedom)
     tell([str(note) for note in notes], depth=2)
@@ -203,6 +203,10 @@ def find_exponentials(signal: Tensor, rank: int, order: int) -> tuple[Tensor, ..
         raise ValueError(f"rank is {rank}; it must be 1 to the order, {order}, at most half the microphones")
     signal = signal.to(torch.complex128)
     lead = signal.shape[:-1]
+    if lead.numel() > SIGNALS:
+        parts = [find_exponentials(each, rank, order) for each in signal.reshape(-1, samples).split(SIGNALS)]
+        whole = (torch.cat(each) for each in zip(*parts, strict=True))
+        return tuple(each.reshape(lead + each.shape[1:]) for each in whole)
     windows = signal.conj().unfold(-1, order + 1, 1)  # (..., N - L, L + 1)
     u, s, vh = torch.linalg.svd(windows[..., 1:], full_matrices=False)
     inverse = torch.where(s > ROUNDING * s[..., :1], 1 / s.clamp(min=1e-300), 0.0)[..., :rank, None]
